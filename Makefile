@@ -64,8 +64,8 @@ test-oldest: $(OLDEST)
 files = $(foreach name,$(2),src/$(1)/test/test_$(name).py)
 INTERPRETED := $(call files,csg_renderer,behind_terrain engines_agree light_and_samples occlusion outline ray_casting \
     render_frame terrain tree_order visibility) \
-  $(call files,stereo_recovery,bounds buckets chains corner_matching curve_geometry edgels estimate factors inliers joining \
-    labelling noise parallel_groups row_error texture view view_votes) \
+  $(call files,stereo_recovery,bounds buckets chains curve_geometry edgels estimate factors inliers joining \
+    junction_edges labelling noise parallel_groups row_error texture view view_votes) \
   $(call files,model_matcher,constraints engine_dap equal_poses evidence image_pose outline_neighbours pair_bounds pair_pose pair_test \
     parallel_search pose_fit prefilter presence proof proof_work sightlines symmetry tracking tree views)
 
@@ -96,6 +96,7 @@ docs: $(READY)
 	$(PY) test/docs/generate.py
 	$(PY) test/docs/pictures.py
 	$(PY) test/docs/gallery.py
+	$(PY) test/docs/camera_pictures.py
 	$(MAKE) site
 
 DOCS_READY := .venv/.docs-ready

@@ -3,8 +3,25 @@
 from __future__ import annotations
 
 import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
+from csg_renderer import load_scene, parse_scene, render
 from model_matcher.closed_form.compile_all import main
+from msgs_py import LensDistortion, PinholeCamera
+
+
+def surfaces() -> None:
+    """Pictures and metal, with and without a terrain, which no node needs unless its scene has them."""
+    camera = PinholeCamera.centred(16, 16, 20.0)
+    render(load_scene('printed_goods'), camera)
+    render(load_scene('printed_goods'), camera, lens=LensDistortion('equidistant', (0.0, 0.0, 0.0, 0.0)))
+    render(parse_scene('DRAW TERRAIN ("hills.png", 9, 9, 3) TEXTURE "carton.png" BOX (9, 9);'), camera)
+
 
 if __name__ == '__main__':
-    sys.exit(main())
+    with ProcessPoolExecutor(1, get_context('spawn')) as beside:
+        job = beside.submit(surfaces)
+        status = main()
+        job.result()
+    sys.exit(status)

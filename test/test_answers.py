@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2
@@ -59,7 +60,7 @@ class Talk:
 def test_the_pose_comes_with_its_covariance(graph):
     poses = graph.collect(PoseStamped, 'interpretations/l_shape')
     both = graph.collect(PoseWithCovarianceStamped, 'interpretations/l_shape/with_covariance')
-    reports = graph.collect(model_matcher.node.DiagnosticArray, 'interpretations/report')
+    reports = graph.collect(DiagnosticArray, 'interpretations/report')
     talk = Talk(graph, MatcherNode, models=['l_shape'])
     graph.wait_heard('/interpretations/l_shape/with_covariance', '/interpretations/report')
     pose = Pose.from_rotation_vector([0.3, 0.5, 0.1], [0.02, 0.0, 0.4])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import csg_renderer
-from csg_renderer.raycast.program import program_of, view_of
+from csg_renderer.raycast.programs.program import program_of, view_of
 from dap_emulator import Dap
 from dap_emulator.fortran_plus.library import load_program
 from model_matcher import MatchParams, index_model

@@ -20,6 +20,7 @@ import bop_scenes
 import bop_scoring
 from stand_ins import messages
 
+from csg_renderer import MeshOutline, SolidOutline
 from model_matcher.closed_form.bop import bpc_node
 from model_matcher.closed_form.bop.answer import load_models
 from model_matcher.closed_form.bop.bop_cli import main
@@ -264,10 +265,11 @@ def test_what_is_wrong_with_the_arguments_is_named_in_one_line(data, tmp_path, c
 
 
 def test_a_solid_beside_a_mesh_is_taken_for_it(data, tmp_path):
+    """Both have an outline; that of the solid is exact."""
     shutil.copytree(data / 'models', tmp_path / 'models')
     (tmp_path / 'models' / 'obj_000001.csg').write_text(f'UNITS MM;\nDRAW {bop_scenes.SOLIDS[1]};\n')
     models = load_models(tmp_path / 'models')
-    assert models[1].shape is not None and models[2].shape is None
+    assert isinstance(models[1].shape, SolidOutline) and isinstance(models[2].shape, MeshOutline)
 
 
 # -- scores ----------------------------------------------------------------------------------------------------------

@@ -450,3 +450,43 @@ def test_a_changed_case_takes_the_heights_of_its_scene_along(tmp_path):
     written = case_scene(case, case_rig(case), tmp_path / 'out')
     assert written.parent == tmp_path / 'out' and (tmp_path / 'out' / 'ground.npy').is_file()
     assert load_scene(written).placements[0].name == 'box'
+
+
+RAW_CAMERA = (
+    'full_well=9000',
+    'read_noise=8',
+    'vignetting=0.3',
+    'distortion_model=plumb_bob',
+    'distortion=-0.3,0.08,0.001,0,0',
+    'encoding=mono16',
+    'bits=12',
+)
+
+
+@pytest.mark.parametrize('nodes', [False, True])
+def test_a_part_is_found_with_a_raw_camera(nodes, tmp_path):
+    case = Case(SCENE, width=384, antialias=3, noise=0.0, camera=RAW_CAMERA)
+    if nodes:
+        from model_matcher.closed_form.run_graph import run_case
+
+        result = run_case(case)
+    else:
+        result = run_library_case(case, tmp_path)
+    assert result.image_difference == 0
+    assert result.pose_error.rotation_deg < 0.2 and result.edges.recall > 0.7
+
+
+@pytest.mark.parametrize(
+    ('camera', 'name'),
+    [
+        ('full_well', 'NAME=VALUE'),
+        ('scene=/etc/passwd', 'NAME=VALUE'),
+        ('full_well=much', 'full_well'),
+        ('distortion_model=plumb_bob', 'distortion'),
+        ('bits=12', 'bits'),
+    ],
+)
+def test_a_camera_that_cannot_be_is_refused_by_name(camera, name, tmp_path, capsys):
+    with pytest.raises(SystemExit) as error:
+        main([SCENE, '-o', str(tmp_path), '--camera', camera])
+    assert error.value.code == 2 and name in capsys.readouterr().err

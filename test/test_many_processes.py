@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
+
+from model_matcher.catalogue.build import indexed_model, write_catalogue
+from model_matcher.closed_form.synthetic.scenes import make_scene, random_polyhedron
+from msgs_py.codecs import features_to_cloud, interpretations_from_report, pose_from_message
 
 pytestmark = pytest.mark.timeout(180)  # nodes compile when they run for the first time
 RESTART = Path(__file__).resolve().parent / 'stress' / 'restart.py'
@@ -66,3 +74,36 @@ def test_matchers_share_a_library_and_one_features_topic(graph, processes):
     first.wait()
     processes('renderer_node', scene='chipped_block_v1', **renderer)
     graph.spin_until(lambda: len(poses['part_b']) >= 2, 30.0, 'poses of the second part of the library')
+
+
+def test_two_shards_of_an_index_and_who_merges_them_answer_as_one(graph, processes, tmp_path):
+    """Three processes: each matcher_node has half of the index, merger_node puts together what they find."""
+    index = tmp_path / 'parts.index'
+    write_catalogue(index, [indexed_model(random_polyhedron(k), f'm{k}') for k in range(40)])
+    reports = graph.collect(DiagnosticArray, '/interpretations/report')
+    poses = {name: graph.collect(PoseStamped, f'/interpretations/{name}') for name in ('m5', 'm33')}
+    features = graph.publisher(PointCloud2, '/features')
+    for number in (1, 2):
+        remaps = [f'__ns:=/shard_{number}', 'features:=/features']
+        processes('matcher_node', remaps, models=f"['{index}']", shard=f'{number}/2', use_images='false')
+    processes('merger_node', models=f"['{index}']", shards='2')
+    graph.wait_matched(features, count=2)
+    graph.spin_until(lambda: graph.tester.count_publishers('/interpretations/report') == 1, what='merger_node')
+    for second, (name, which) in enumerate((('m5', 5), ('m33', 33)), start=1):
+        scene = make_scene(random_polyhedron(which), which, clutter=0.5)
+        header = Header(frame_id='left_optical')
+        header.stamp.sec = second
+        # A topic of a model comes with its first pose, and nodes that have not heard each other yet miss a message:
+        # later ones have stamps of their own.
+        end = time.monotonic() + 60.0
+        while not poses[name]:
+            assert time.monotonic() < end, f'no pose of {name}'
+            header.stamp.nanosec += 1
+            features.publish(features_to_cloud(scene.data, header))
+            before, soon = len(reports), time.monotonic() + 5.0
+            graph.spin_until(lambda: len(reports) > before or time.monotonic() > soon)  # noqa: B023
+        best = interpretations_from_report(reports[-1])[0]
+        assert best.accepted and best.model == name
+        pose = pose_from_message(poses[name][-1].pose)
+        errors = [one.error_to(scene.poses[0]).translation for one in (pose, *best.symmetric_poses)]
+        assert min(errors) < 0.003 and poses[name][-1].header.stamp.sec == second

@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from scipy.special import ndtr
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / 'benchmarks'))
-from pose_bounds import PoseBound, View, edge_information, edge_samples, normal_jacobian, pose_bound, sensor_blur
+from pose_bounds import PoseBound, View, edge_samples, normal_jacobian, pose_bound
 
 from csg_renderer import Scene, Solid, parse_scene, render_stereo
 from csg_renderer.raycast.sensor import grey
+from model_matcher.closed_form.planning.steps import edge_information, sensor_blur
 from msgs_py import PinholeCamera, Pose, StereoRig
 
 RIG = StereoRig.symmetric(PinholeCamera.centred(320, 240, 420.0), 0.07)

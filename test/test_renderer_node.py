@@ -12,8 +12,9 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_srvs.srv import Trigger
 
 from csg_renderer import render_stereo
-from csg_renderer.node import RendererNode, sensor_images
+from csg_renderer.node import RendererNode
 from csg_renderer.raycast.render import scene_rig
+from csg_renderer.stereo_pictures import sensor_images
 from msgs_py import StereoRig
 from msgs_py.codecs import cloud_to_features, image_to_array, pose_from_message
 

@@ -34,3 +34,8 @@ def test_a_few_hundred_malformed_files_are_read_or_refused_with_words():
 def test_hostile_calls_and_programs_leave_the_nodes_answering_within_a_second(graph):
     answer = run('hostile.py', '--calls', '20', '--programs', '6', '--seed', '2', '--domain', str(graph.domain_id))
     assert 'every node answered the next good input within 1 s' in answer
+
+
+def test_some_certificates_about_data_at_its_limits_hold():
+    answer = run('certificates.py', '--cases', '25', '--first-seed', '5', '--seconds', '0.1')
+    assert '25 cases from seed 5' in answer and 'false' not in answer

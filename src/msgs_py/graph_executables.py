@@ -42,6 +42,11 @@ def tracker_node() -> int:
     return start('model_matcher.tracker_node')
 
 
+def merger_node() -> int:
+    """Run merger_node."""
+    return start('model_matcher.merger_node')
+
+
 def viewer_node() -> int:
     """Run viewer_node."""
     return start('model_matcher.viewer_node')

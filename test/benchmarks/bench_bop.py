@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from bop_scenes import write_models, write_scene
 from bop_scoring import VSD_DELTA, Judged, Recall, mesh_depth, mspd, mssd, symmetry_poses, vsd
 
-from csg_renderer.features.mesh_features import read_mesh
+from csg_renderer.mesh.files import read_mesh
 from model_matcher.closed_form.bop.answer import answer_scene, load_models
 from model_matcher.closed_form.bop.results import BopResult, read_results
 from model_matcher.closed_form.bop.scene_folder import BopScene, ModelInfo, read_models_info, read_scene

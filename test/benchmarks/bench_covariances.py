@@ -12,21 +12,22 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
-from rendered_views import RenderedView, load_object, rendered_view
+from batches import add_batch_options, one_process, run_batch
+from rendered_views import load_object, rendered_view
 from results import add_record_option, keep
 from scipy import stats
-from tqdm import tqdm
 
-from csg_renderer import SolidOutline
+from csg_renderer import Solid, SolidOutline
 from model_matcher import index_model, match
 from model_matcher.image_pose.views import Views
+from model_matcher.model.index import ModelIndex
 from model_matcher.model.symmetry import symmetries
 from model_matcher.pipeline import warm_up
-from msgs_py import Interpretation, Pose
+from msgs_py import FeatureSet, Interpretation, Pose
 from stereo_recovery import recover
 from stereo_recovery.pipeline import warm_up as warm_up_recovery
 
@@ -37,6 +38,8 @@ FIRST_SEED = 70_000
 UNKNOWNS = 6
 # Of the model's size: an answer so far off is another pose, not an error of this one.
 WRONG = 0.1
+# What becomes of a pair without an error to square.
+REFUSED, WRONG_POSE = 'refused', 'wrong'
 
 
 @dataclass
@@ -64,31 +67,51 @@ class Squares:
         }
 
 
-def measured(name: str, pairs: int, first_seed: int = FIRST_SEED) -> tuple[Squares, Squares]:
-    """By features alone, and in the images."""
-    solid, model = load_object(name)
-    index = index_model(model, name, SolidOutline(solid))
-    alike = [Pose.identity(), *symmetries(index)]
+def measured(
+    name: str, pairs: int, first_seed: int = FIRST_SEED, options: argparse.Namespace | None = None
+) -> tuple[Squares, Squares]:
+    """By features alone, and in the images; options: of :func:`batches.add_batch_options`."""
+    jobs = {str(seed): (name, seed) for seed in range(first_seed, first_seed + pairs)}
     out = Squares(name, []), Squares(name, [])
-    seeds = range(first_seed, first_seed + pairs)
-    for view in _views(solid, model, tqdm(seeds, desc=name, disable=not sys.stderr.isatty())):
-        features = recover(view.left, view.right, view.rig).features
-        for squares, views in zip(out, (None, Views.of((view.left, view.right), view.rig))):
-            best = match(index, features, name=name, views=views).best
-            if best is None:
+    for both in run_batch(_of_pair, jobs, options or one_process(), name, _ready).values():
+        for squares, found in zip(out, both):
+            if found == REFUSED:
                 squares.refused += 1
-                continue
-            error = _error(best, view.pose, alike)
-            if np.linalg.norm(error[:3]) > WRONG * index.size or np.linalg.norm(error[3:]) > WRONG:
+            elif found == WRONG_POSE:
                 squares.wrong += 1
             else:
-                squares.squared.append(float(error @ np.linalg.solve(best.covariance, error)))
+                squares.squared.append(found)
     return out
 
 
-def _views(solid, model, seeds) -> Iterator[RenderedView]:  # type: ignore[no-untyped-def]
-    for seed in seeds:
-        yield rendered_view(solid, model, seed)
+def _of_pair(job: tuple[str, int]) -> list[float | str]:
+    """The squared error of a pair's pose by features alone and in the images, REFUSED or WRONG_POSE."""
+    name, seed = job
+    solid, model, index = _object(name)
+    alike = [Pose.identity(), *symmetries(index)]
+    view = rendered_view(solid, model, seed)
+    features = recover(view.left, view.right, view.rig).features
+    out: list[float | str] = []
+    for views in (None, Views.of((view.left, view.right), view.rig)):
+        best = match(index, features, name=name, views=views).best
+        if best is None:
+            out.append(REFUSED)
+            continue
+        error = _error(best, view.pose, alike)
+        wrong = np.linalg.norm(error[:3]) > WRONG * index.size or np.linalg.norm(error[3:]) > WRONG
+        out.append(WRONG_POSE if wrong else float(error @ np.linalg.solve(best.covariance, error)))
+    return out
+
+
+@cache
+def _object(name: str) -> tuple[Solid, FeatureSet, ModelIndex]:
+    solid, model = load_object(name)
+    return solid, model, index_model(model, name, SolidOutline(solid))
+
+
+def _ready() -> None:
+    warm_up_recovery()
+    warm_up(images=True)
 
 
 def _error(found: Interpretation, true: Pose, alike: list[Pose]) -> np.ndarray:
@@ -103,15 +126,14 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--pairs', type=int, default=PAIRS, help='of each model')
     parser.add_argument('--models', nargs='+', default=list(MODELS))
+    add_batch_options(parser)
     add_record_option(parser)
     options = parser.parse_args(arguments)
-    warm_up_recovery()
-    warm_up(images=True)
     figures = {}
     print(f'{"":<26}{"poses":>7}{"wrong":>7}{"refused":>9}{"mean":>8}{"median":>8}{"inside":>8}{"KS p":>9}')
     print(f'{"where covariances are true":<49}{6.0:8.2f}{stats.chi2(UNKNOWNS).median():8.2f}{0.95:8.2f}')
     for name in options.models:
-        for squares, way in zip(measured(name, options.pairs), ('features', 'images')):
+        for squares, way in zip(measured(name, options.pairs, options=options), ('features', 'images')):
             row = figures[f'{name}, {way}'] = squares.row()
             print(
                 f'{name + ", " + way:<26}{row["poses"]:7.0f}{row["wrong"]:7.0f}{row["refused"]:9.0f}{row["mean"]:8.2f}'

@@ -1,6 +1,6 @@
 """Accuracy of recovered straight edges on random scenes, beside the bars they must reach:
 
-python test/benchmarks/bench_lines.py --seeds 100..139 [--kinds any flat aliased] [--cameras 3] [--each]
+python test/benchmarks/bench_lines.py --seeds 100..139 [--kinds any flat aliased] [--cameras 3] [--each] [--workers 2]
 """
 
 from __future__ import annotations
@@ -10,16 +10,18 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
+from batches import add_batch_options, one_process, run_batch
 from line_scoring import LineScore, pose_errors
 from measure import Measurement, milliseconds, seed_range
 from results import add_record_option, keep
 from stereo_scenes import USUAL, Imaging, StereoScene, random_scene
-from tqdm import tqdm
 
 from msgs_py import FeatureKind, FeatureSet
 from stereo_recovery import recover
+from stereo_recovery.pipeline import warm_up
 
 KINDS = ('any', 'flat', 'aliased')
 # floor, aim
@@ -46,24 +48,48 @@ ALIASED_BARS = {'direction median': (0.40, 0.30)}
 UNITS = {'direction': 'deg', 'across': 'mm', 'end': 'mm', 'pose rotation': 'deg', 'pose translation': 'mm'}
 
 
-def score(kind: str, seeds: Sequence[int], each: bool = False, imaging: Imaging = USUAL) -> LineScore:
-    """Recovery of one scene a seed against its truth."""
+class _SceneJob(NamedTuple):
+    """A scene, and how it is seen."""
+
+    kind: str
+    seed: int
+    imaging: Imaging
+
+
+def _of_scene(job: _SceneJob) -> dict[str, Any]:
+    """The name of a scene, and the score of its recovery against the truth."""
+    scene = scene_of(job.kind, job.seed, job.imaging)
+    found = edges_of(scene)
+    one = LineScore()
+    paired = one.add(found, scene.edges, scene.faint, scene.left_sees)
+    error = pose_errors(found, paired, scene)
+    one.poses = [error] if error else []
+    return {'scene': scene.name, **vars(one)}
+
+
+def score(
+    kind: str,
+    seeds: Sequence[int],
+    each: bool = False,
+    imaging: Imaging = USUAL,
+    options: argparse.Namespace | None = None,
+) -> LineScore:
+    """Recovery of one scene a seed against its truth; options: of :func:`batches.add_batch_options`."""
     total = LineScore()
-    for seed in tqdm(seeds, desc=kind, unit='pair', file=sys.stderr, disable=not sys.stderr.isatty()):
-        scene = scene_of(kind, seed, imaging)
-        found = edges_of(scene)
-        one = LineScore()
-        for add_to in (one, total):
-            paired = add_to.add(found, scene.edges, scene.faint, scene.left_sees)
-        error = pose_errors(found, paired, scene)
-        total.poses += [error] if error else []
+    jobs = {f'{kind} {seed}': _SceneJob(kind, seed, imaging) for seed in seeds}
+    for one in run_batch(_of_scene, jobs, options or one_process(), kind, warm_up).values():
+        name = one.pop('scene')
+        total.include(one)
         if each:
+            alone = LineScore()
+            alone.include(one)
             line = ' '.join(
-                f'{name.replace(" ", "_")} {value:.3g}'
-                for name, value in one.figures().items()
-                if name in ('recall', 'recall of flat edges', 'precision', 'direction p90', 'end p90')
+                f'{what.replace(" ", "_")} {value:.3g}'
+                for what, value in alone.figures().items()
+                if what in ('recall', 'recall of flat edges', 'precision', 'direction p90', 'end p90')
             )
-            tqdm.write(f'{scene.name:<18} {line}' + (f' pose {error[0]:.3f} deg {error[1]:.3f} mm' if error else ''))
+            error = one['poses'][0] if one['poses'] else None
+            print(f'{name:<18} {line}' + (f' pose {error[0]:.3f} deg {error[1]:.3f} mm' if error else ''))
     return total
 
 
@@ -128,11 +154,13 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument('--cameras', type=int, choices=(2, 3), default=2, help='3: one more above the pair')
     parser.add_argument('--each', action='store_true', help='a line for every scene')
+    add_batch_options(parser)
     add_record_option(parser)
     options = parser.parse_args(arguments)
     measured: dict[str, dict[str, float]] = {}
     for kind in options.kinds:
-        figures = score(kind, options.seeds, options.each, replace(USUAL, cameras=options.cameras)).figures()
+        imaging = replace(USUAL, cameras=options.cameras)
+        figures = score(kind, options.seeds, options.each, imaging, options).figures()
         measured[kind] = figures
         print(f'-- {kind}, seeds {options.seeds[0]}..{options.seeds[-1]}')
         for name, value in figures.items():

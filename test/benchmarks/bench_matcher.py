@@ -13,14 +13,17 @@ or explains every true fragment (then occlusion has left several answers). Times
 from __future__ import annotations
 
 import argparse
+import contextlib
 import functools
+import io
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from ambiguity import is_listed, is_pose, judge
+from batches import add_batch_options, run_batch
 from matcher_shapes import SHAPES
 from results import add_record_option, keep
 
@@ -37,6 +40,7 @@ from model_matcher.closed_form.synthetic.scenes import (
 )
 from model_matcher.model.index import model_size
 from model_matcher.model.symmetry import symmetries
+from model_matcher.pipeline import warm_up
 from model_matcher.search.prefilter import prefilter
 from model_matcher.verification.false_alarms import false_alarm_evidence
 from msgs_py import FeatureKind, FeatureSet, Interpretation, Pose
@@ -497,7 +501,40 @@ PRESETS: dict[str, Callable[[list[str], range], Any]] = {
     'target_decoys': target_decoys,
     'unseen': unseen,
 }
+# Those that have rows of single models, and nothing that adds models up: a job for each model. A preset else is one.
+BY_MODEL = ('clutter', 'decoys', 'low_visible', 'absent', 'absent_decoys', 'instances', 'prove')
 FIRST_SEEDS = dict.fromkeys(('target_decoys', 'false_alarms', 'prefilter'), 40_000)  # constants: lower ones
+
+
+class _Job(NamedTuple):
+    """A preset of some models over some seeds."""
+
+    preset: str
+    models: list[str]
+    seeds: range
+
+
+def _rows(job: _Job) -> dict[str, Any]:
+    """What a preset prints and returns."""
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        figures = PRESETS[job.preset](job.models, job.seeds)
+    return {'text': printed.getvalue(), 'figures': figures}
+
+
+def measured(presets: list[str], models: list[str], options: argparse.Namespace) -> dict[str, Any]:
+    """Run presets, print their rows, and return what they return; options: of the command."""
+    jobs = {}
+    for preset in presets:
+        first = FIRST_SEEDS.get(preset, 0) if options.first_seed is None else options.first_seed
+        for some in [[name] for name in models] if preset in BY_MODEL else [models]:
+            jobs[f'{preset} {",".join(some)}'] = _Job(preset, some, range(first, first + options.seeds))
+    done = run_batch(_rows, jobs, options, 'presets', warm_up)
+    found: dict[str, Any] = {}
+    for name, one in done.items():
+        print(one['text'], end='', flush=True)
+        preset, figures = jobs[name].preset, one['figures']
+        found[preset] = {**found[preset], **figures} if found.get(preset) and figures else figures
+    return found
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -506,14 +543,12 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--presets', default=','.join(PRESETS), help='default: %(default)s')
     parser.add_argument('--models', default=','.join(THESIS_SIZES), help='default: %(default)s')
     parser.add_argument('--first-seed', type=int, help='of every preset; default: 0, or as above')
+    add_batch_options(parser)
     add_record_option(parser)
     chosen = parser.parse_args(arguments)
-    measured = {}
-    for preset in chosen.presets.split(','):
-        first = FIRST_SEEDS.get(preset, 0) if chosen.first_seed is None else chosen.first_seed
-        measured[preset] = PRESETS[preset](chosen.models.split(','), range(first, first + chosen.seeds))
+    found = measured(chosen.presets.split(','), chosen.models.split(','), chosen)
     if chosen.record:
-        keep(chosen.record, measured)
+        keep(chosen.record, found)
     return 0
 
 

@@ -18,10 +18,13 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from batches import add_batch_options, one_process, run_batch
+from lost_length import LEGEND as STAGES_LEGEND
+from lost_length import lost_lengths, stage_table
 from measure import OURS, Absent, Measurement
 from pair_scoring import drawing, score, semi_global_edges, summary
 from results import add_record_option, figures_of, keep
@@ -35,7 +38,8 @@ from true_pairs import (
     data_folder,
     families_of,
     line_segments,
-    load_pairs,
+    load_pair,
+    pair_names,
 )
 
 from msgs_py import FeatureSet
@@ -63,28 +67,51 @@ def run(
     quick: bool = False,
     repeat: int = 1,
     cameras: int = 2,
+    options: argparse.Namespace | None = None,
 ) -> list[dict[str, Any]]:
     """A row a pair: family, pair, everything of :func:`pair_scoring.score`, ms, stages, lsd_ms, in_lsd, and the peer's
     row under ``peer``. limit: pairs of each family; quick: the dozen of true_pairs.QUICK, whatever the families.
 
-    repeat: the time is the least of so many calls. cameras: 3 for the third eye of the pair beside it. An exception of
-    ``recover`` becomes the row's ``error``, and nothing is found.
+    options: of :func:`batches.add_batch_options`; with ``stages`` a row has ``lost``, of
+    :func:`lost_length.lost_lengths`. repeat: the time is the least of so many calls. cameras: 3 for the third eye of
+    the pair beside it. An exception of ``recover`` becomes the row's ``error``, and nothing is found.
     """
     folder = data_folder(data)
     names = families_of(('all',) if quick else families)
-    rows: list[dict[str, Any]] = []
-    taken: dict[str, int] = {}
-    method = with_third_eye(folder) if cameras > 2 else lambda pair: recover(pair.left, pair.right, pair.rig)
-    for pair in load_pairs(folder, names, list(QUICK) if quick else scenes, held):
-        taken[pair.family] = taken.get(pair.family, 0) + 1
-        if limit is None or taken[pair.family] <= limit:
-            rows.append(_row(pair, method, peer, draw, repeat))
-    return rows
+    begin = list(QUICK) if quick else scenes
+    stages = getattr(options, 'stages', False)
+    jobs = {
+        f'{family} {name}': _PairJob(folder, family, name, None if cameras > 2 else recover, peer, draw, repeat, stages)
+        for family in names
+        for name in [
+            name
+            for name in pair_names(folder, family, held)
+            if not begin or any(name.startswith(scene) for scene in begin)
+        ][:limit]
+    }
+    return list(run_batch(_row, jobs, options or one_process(), 'pairs', warm_up).values())
 
 
-def _row(
-    pair: TruePair, method: Callable[[TruePair], Any], peer: bool, draw: Path | None, repeat: int
-) -> dict[str, Any]:
+class _PairJob(NamedTuple):
+    """A pair, and what is done with it; recover: None for three cameras."""
+
+    folder: Path
+    family: str
+    name: str
+    recover: Callable[..., Any] | None
+    peer: bool
+    draw: Path | None
+    repeat: int
+    stages: bool
+
+
+def _row(job: _PairJob) -> dict[str, Any]:
+    folder, family, name, recover, peer, draw, repeat, stages = job
+    pair = load_pair(folder, family, name)
+
+    def method(pair: TruePair) -> Any:
+        return with_third_eye(folder)(pair) if recover is None else recover(pair.left, pair.right, pair.rig)
+
     row: dict[str, Any] = {'family': pair.family, 'pair': pair.name}
     lsd, lsd_cpu, _ = _least(lambda: (line_segments(pair.left), line_segments(pair.right)), LSD_RUNS)
     try:
@@ -106,6 +133,8 @@ def _row(
     }
     if peer:
         row['peer'] = _peer_row(pair)
+    if stages:
+        row['lost'] = lost_lengths(pair, lambda: method(pair))
     if draw is not None:
         draw.mkdir(parents=True, exist_ok=True)
         cv2.imwrite(str(draw / f'{pair.family}_{pair.name.replace(" ", "_")}.png'), drawing(pair, features))
@@ -296,8 +325,10 @@ def main(arguments: list[str] | None = None, default: tuple[str, ...] = DEFAULT)
     parser.add_argument(
         '--draw', type=Path, metavar='FOLDER', help='left images: found green, missed red, false magenta'
     )
+    parser.add_argument('--stages', action='store_true', help='at which stage the length that is not found is lost')
     parser.add_argument('--recover', type=function_named, default=todays_recover, metavar='MODULE:FUNCTION')
     parser.add_argument('--repeat', type=int, default=1, metavar='N', help='times are the least of N calls')
+    add_batch_options(parser)
     add_record_option(parser)
     parser.add_argument('--out', type=Path, default=HERE.parents[1] / 'out' / 'pairs.json', help='the JSON file')
     options = parser.parse_args(arguments)
@@ -320,6 +351,7 @@ def main(arguments: list[str] | None = None, default: tuple[str, ...] = DEFAULT)
             quick=options.quick,
             repeat=options.repeat,
             cameras=options.cameras,
+            options=options,
         )
     except FileNotFoundError as error:
         print(error, file=sys.stderr)
@@ -330,6 +362,10 @@ def main(arguments: list[str] | None = None, default: tuple[str, ...] = DEFAULT)
     print()
     print(table(rows, kept if whole or options.quick else None))
     print(LEGEND)
+    if options.stages:
+        print()
+        print(stage_table(rows))
+        print(STAGES_LEGEND)
     recovery, scoring = (1e-3 * float(np.nansum([row[key] for row in rows])) for key in ('ms', 'scoring_ms'))
     took = time.perf_counter() - since
     print(f'{len(rows)} pairs in {took:.1f} s, of which recovery {recovery:.1f} s, scores {scoring:.1f} s')

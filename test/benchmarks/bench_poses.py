@@ -16,21 +16,21 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from itertools import chain, groupby
+from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from batches import add_batch_options, one_process, run_batch
 from measure import Absent, Measurement
 from pose_scoring import Search, add_witness, drawing, row_of, score_search, summary
-from rendered_poses import RENDERED, rendered_pairs
+from rendered_poses import RENDERED, rendered_pair, view_names
 from results import add_record_option, figures_of, keep
-from tqdm import tqdm
-from true_pairs import PHOTOREAL_KINDS, QUICK, data_folder, families_of
-from true_poses import READERS, Part, Pictures, PosedPair, all_parts, posed_pairs, witness
+from true_pairs import PHOTOREAL_KINDS, QUICK, data_folder, families_of, load_pair
+from true_poses import READERS, Part, Pictures, PosedPair, parts_of, posed_names, posed_pair, witness
 
 from model_matcher import MatchResult
 from model_matcher.image_pose.views import Views
@@ -68,32 +68,57 @@ def run(
     draw: Path | None = None,
     seeds: int = 2,
     search: Callable[[list[Part], FeatureSet, Pictures], MatchResult] = asked,
+    options: argparse.Namespace | None = None,
 ) -> list[dict[str, Any]]:
     """A row a pair, see :func:`pose_scoring.row_of`. Families without known parts have none.
 
-    seeds : of the noise of each rendered view
+    seeds : of the noise of each rendered view; options : of :func:`batches.add_batch_options`
     """
     stored = [family for family in families if family in READERS]
     # Rendered pairs need no data.
     folder = data_folder(data) if stored else Path()
-    pairs = posed_pairs(folder, stored, scenes, held)
-    rows = []
-    for posed in _shown(chain(pairs, rendered_pairs(seeds) if RENDERED in families else ())):
-        recovery_ms, features = recovered(posed.pair)
-        searches = searched(posed, features, together, search)
-        eye = witness(folder, posed.pair)
-        if eye is not None:
-            add_witness(posed, searches, eye)
-        rows.append(row_of(posed, searches, recovery_ms, len(features)))
-        if draw is not None:
-            draw.mkdir(parents=True, exist_ok=True)
-            name = f'{posed.pair.family}_{posed.pair.name.replace(" ", "_")}.png'
-            cv2.imwrite(str(draw / name), drawing(posed, searches))
-    return rows
+    jobs = {
+        f'{family} {name}': _PairJob(folder, family, name, together, draw, search, False)
+        for family, name in posed_names(folder, stored, scenes, held)
+    }
+    if RENDERED in families:
+        views = [f'{name} {seed}' for name in view_names() for seed in range(seeds)]
+        jobs |= {name: _PairJob(folder, RENDERED, name, together, draw, search, False) for name in views}
+    return list(run_batch(_row, jobs, options or one_process(), 'pairs', _ready).values())
 
 
-def _shown(pairs: Iterable[PosedPair]) -> Iterator[PosedPair]:
-    yield from tqdm(pairs, desc='pairs', unit='', disable=not sys.stderr.isatty())
+class _PairJob(NamedTuple):
+    """A pair, and how it is searched; absent : for every part that it does not show, and no other."""
+
+    folder: Path
+    family: str
+    name: str
+    together: bool
+    draw: Path | None
+    search: Callable[[list[Part], FeatureSet, Pictures], MatchResult]
+    absent: bool
+
+
+def _row(job: _PairJob) -> dict[str, Any]:
+    if job.family == RENDERED:
+        name, seed = job.name.rsplit(' ', 1)
+        posed = rendered_pair(name, int(seed))
+    else:
+        posed = posed_pair(job.folder, load_pair(job.folder, job.family, job.name))
+    if job.absent:
+        present = {one.part.name for one in posed.instances}
+        others = tuple(part for part in parts_of(job.folder) if part.name not in present)
+        posed = PosedPair(posed.pair, posed.instances, others)
+    recovery_ms, features = recovered(posed.pair)
+    searches = searched(posed, features, job.together, job.search)
+    eye = None if job.absent else witness(job.folder, posed.pair)
+    if eye is not None:
+        add_witness(posed, searches, eye)
+    if job.draw is not None:
+        job.draw.mkdir(parents=True, exist_ok=True)
+        name = f'{posed.pair.family}_{posed.pair.name.replace(" ", "_")}.png'
+        cv2.imwrite(str(job.draw / name), drawing(posed, searches))
+    return row_of(posed, searches, recovery_ms, len(features))
 
 
 def recovered(pair: Pictures) -> tuple[float, FeatureSet]:
@@ -128,24 +153,24 @@ def _of_part(result: MatchResult, part: Part) -> MatchResult:
 
 
 def run_negatives(
-    families: list[str], data: Path | None = None, scenes: list[str] | None = None, limit: int = LIMIT
+    families: list[str],
+    data: Path | None = None,
+    scenes: list[str] | None = None,
+    limit: int = LIMIT,
+    options: argparse.Namespace | None = None,
 ) -> list[dict[str, Any]]:
     """A row a pair, as of :func:`run`, of every part that there is a model of and that the pair does not show."""
     folder = data_folder(data)
-    parts = all_parts(folder)
-    rows = []
-    for posed in _shown(_spread(posed_pairs(folder, families, scenes), limit)):
-        present = {one.part.name for one in posed.instances}
-        others = tuple(part for part in parts if part.name not in present)
-        recovery_ms, features = recovered(posed.pair)
-        absent = PosedPair(posed.pair, posed.instances, others)
-        rows.append(row_of(absent, searched(absent, features, False), recovery_ms, len(features)))
-    return rows
+    jobs = {
+        f'{family} {name}': _PairJob(folder, family, name, False, None, asked, True)
+        for family, name in _spread(posed_names(folder, families, scenes), limit)
+    }
+    return list(run_batch(_row, jobs, options or one_process(), 'absent', _ready).values())
 
 
-def _spread(pairs: Iterable[PosedPair], limit: int) -> Iterator[PosedPair]:
+def _spread(pairs: list[tuple[str, str]], limit: int) -> Iterator[tuple[str, str]]:
     """At most so many pairs of each family, evenly from all of it."""
-    for _, group in groupby(pairs, lambda posed: posed.pair.family):
+    for _, group in groupby(pairs, lambda pair: pair[0]):
         all_of_it = list(group)
         chosen = np.unique(np.linspace(0, len(all_of_it) - 1, min(limit, len(all_of_it))).round().astype(int))
         yield from (all_of_it[k] for k in chosen)
@@ -299,6 +324,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--limit', type=int, default=LIMIT, metavar='N', help='with --negatives: pairs of each family')
     parser.add_argument('--images', choices=('on', 'off'), default='on', help='whether the search looks at the images')
     parser.add_argument('--draw', type=Path, metavar='FOLDER', help='both images with the parts where they were found')
+    add_batch_options(parser)
     add_record_option(parser)
     parser.add_argument('--json', type=Path, default=HERE.parents[1] / 'out' / 'poses.json', help='the JSON file')
     options = parser.parse_args(arguments)
@@ -312,7 +338,7 @@ def main(arguments: list[str] | None = None) -> int:
     since = time.perf_counter()
     try:
         if options.negatives:
-            rows = run_negatives(families, options.data, scenes, options.limit)
+            rows = run_negatives(families, options.data, scenes, options.limit, options)
         else:
             rows = run(
                 families,
@@ -323,6 +349,7 @@ def main(arguments: list[str] | None = None) -> int:
                 draw=options.draw,
                 seeds=1 if options.quick else options.seeds,
                 search=asked if options.images == 'on' else asked_without_images,
+                options=options,
             )
     except FileNotFoundError as error:
         print(error, file=sys.stderr)

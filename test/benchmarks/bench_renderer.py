@@ -177,11 +177,21 @@ def measurements(quick: bool) -> Iterator[Measurement | Absent]:
         if traces and levels == 6:
             yield _trace(what, scene, levels, True)
     scene = SCENES['hollow cubes, 42 primitives'][0]()
-    for mode, what in ((1, '3 x 3 where faces meet'), (4, '4 x 4 samples')):
-        yield Measurement(
-            f'hollow cubes: anti-aliased, {what}',
-            milliseconds(lambda m=mode: render(scene, camera, antialias=m), budget),
-        )
+    one, faces, sparse, every = interleaved(
+        [
+            lambda: render(scene, camera),
+            lambda: render(scene, camera, antialias=1),
+            lambda: render(scene, camera, antialias=4),
+            lambda: render(scene, camera, antialias=4, every_pixel=True),
+        ],
+        budget,
+    )
+    for spent, what in (
+        (faces, '3 x 3 where faces meet'),
+        (sparse, '4 x 4 samples'),
+        (every, '4 x 4 samples in every pixel'),
+    ):
+        yield Measurement(f'hollow cubes: anti-aliased, {what}', spent, note=f'{spent / one:.1f} of one sample')
     yield Measurement('new process to image', min(_process() for _ in range(1 if quick else 3)), note='bar 800 ms')
     if not traces:
         yield Absent('POV-Ray', 'povray is not installed')

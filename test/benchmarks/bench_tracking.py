@@ -7,7 +7,8 @@ names one; the default is model_matcher's Tracker, which asks recovery and match
 has a rectified pair; ``bench_tracking:found_anew`` finds the part anew in every frame, from features alone.
 
     python test/benchmarks/bench_tracking.py --frames 30
-    python test/benchmarks/bench_tracking.py --tracks occluded cube --tracker mine:make
+    python test/benchmarks/bench_tracking.py --tracks occluded cube --tracker mine:make --workers 2
+    python test/benchmarks/bench_tracking.py --tracks clutter occluded vanishes --frames 1000 --record tracking
 """
 
 from __future__ import annotations
@@ -18,11 +19,13 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from batches import add_batch_options, importable, run_batch
 from bench_photoreal import function_named
 from measure import Absent, Measurement
+from results import add_record_option, keep
 from tqdm import tqdm
 from track_scoring import Step, score_track
 from tracking_sequences import RENDERED_TRACKS, Rig, Track, cube_tracks, rendered_track
@@ -88,15 +91,30 @@ def standing(part: Part, first: Pose) -> TrackerStep:
 
 def run(tracks: list[Track], make: MakeTracker = tracked) -> list[dict[str, Any]]:
     """A row a track, see :func:`track_scoring.score_track`; ``absent`` where the tracker cannot do with the cameras."""
-    rows = []
-    for track in tracks:
-        row: dict[str, Any] = {'track': track.name, 'part': track.part.name}
-        try:
-            row |= score_track(_steps(track, make))
-        except NeedsOther as why:
-            row['absent'] = str(why)
-        rows.append(row)
-    return rows
+    return [_row(track, make) for track in tracks]
+
+
+def _row(track: Track, make: MakeTracker) -> dict[str, Any]:
+    row: dict[str, Any] = {'track': track.name, 'part': track.part.name}
+    try:
+        row |= score_track(_steps(track, make))
+    except NeedsOther as why:
+        row['absent'] = str(why)
+    return row
+
+
+class _TrackJob(NamedTuple):
+    """A track, by what makes it, and who follows it."""
+
+    name: str
+    frames: int
+    data: Path | None
+    tracker: MakeTracker
+
+
+def _of_track(job: _TrackJob) -> dict[str, Any]:
+    (track,) = [one for one in tracks_of([job.name], job.frames, job.data) if one.name == job.name]
+    return _row(track, job.tracker)
 
 
 def _steps(track: Track, make: MakeTracker) -> list[Step]:
@@ -132,6 +150,8 @@ COLUMNS = (
     ('cpu', 'cpu_ms', 1),
     ('first', 'first_ms', 0),
 )
+# What is recorded: all but times.
+KEPT = tuple(key for _, key, _ in COLUMNS if not key.endswith('ms') and not key.startswith('ms'))
 LEGEND = """\
 to hold, lost, share: frames in which enough of the part is seen, and those of them without a right pose
 gone: frames in which nearly nothing is seen; wrong: frames with a wrong pose
@@ -197,17 +217,24 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument('--frames', type=int, default=FRAMES, metavar='N', help='of each rendered track')
     parser.add_argument('--tracker', type=function_named, default=tracked, metavar='MODULE:FUNCTION')
+    add_batch_options(parser)
+    add_record_option(parser)
     parser.add_argument('--json', type=Path, default=HERE.parents[1] / 'out' / 'tracking.json', help='the JSON file')
     options = parser.parse_args(arguments)
     tracks = tracks_of(options.tracks, options.frames, options.data)
     if not tracks:
         parser.error('--tracks: nothing begins so, or its data is not here')
+    jobs = {
+        track.name: _TrackJob(track.name, options.frames, options.data, importable(options.tracker)) for track in tracks
+    }
     _ready()
-    rows = run(tracks, options.tracker)
+    rows = list(run_batch(_of_track, jobs, options, 'tracks', _ready).values())
     print(table(rows))
     print(LEGEND)
     options.json.parent.mkdir(parents=True, exist_ok=True)
     options.json.write_text(json.dumps(rows, indent=1))
+    if options.record:
+        keep(options.record, {row['track']: {key: row.get(key) for key in KEPT} for row in rows})
     return 0
 
 

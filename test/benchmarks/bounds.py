@@ -15,8 +15,11 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from batches import add_batch_options, run_batch
 from bench_lines import KINDS, edges_of, scene_of
 from curve_scenes import KINDS as CURVE_KINDS
 from curve_scenes import Imaging as Rendering
@@ -27,13 +30,13 @@ from measure import seed_range
 from normalised_errors import NormalisedErrors, add_axis, add_circle, add_edges
 from pair_scoring import matched_circles, true_lines
 from stereo_scenes import USUAL, Imaging, StereoScene
-from tqdm import tqdm
-from true_pairs import data_folder, families_of, load_pairs
+from true_pairs import data_folder, families_of, load_pair, pair_names
 
 from model_matcher import index_model, match
 from model_matcher.closed_form.comparison import best_pose_error, squared_deviation
 from msgs_py import FeatureKind, PinholeCamera, StereoRig
 from stereo_recovery import recover
+from stereo_recovery.pipeline import warm_up
 
 CONDITIONS = {
     'usual': USUAL,
@@ -105,39 +108,61 @@ def _pixels_per_metre(rig: StereoRig, lines: np.ndarray) -> np.ndarray:
     return np.linalg.norm(run, axis=1) / np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1)
 
 
-def of_curves(seeds: Iterable[int]) -> NormalisedErrors:
-    """Circles, ellipses and axes of rendered views."""
+class _SceneJob(NamedTuple):
+    """A rendered scene with straight edges."""
+
+    condition: str
+    kind: str
+    seed: int
+
+
+def _of_scene(job: _SceneJob) -> dict[str, Any]:
+    """The groups of a scene, and its errors in units of their covariances."""
+    groups: Groups = {}
+    normalised = NormalisedErrors()
+    head = f'{job.condition}, {job.kind}: '
+    add(groups, head, scene_of(job.kind, job.seed, CONDITIONS[job.condition]), normalised)
+    return {'groups': groups, **vars(normalised)}
+
+
+def _of_curves(job: tuple[str, int]) -> dict[str, Any]:
+    """Errors of circles, ellipses and axes of a rendered view: its kind and its seed."""
+    kind, seed = job
     result = NormalisedErrors()
-    for kind in CURVE_KINDS:
-        for seed in seeds:
-            view = curved_view(kind, seed, Rendering())
-            score = CurveScore()
-            recovery = recover(view.left, view.right, view.rig)
-            score.add(recovery, view)
-            for i, j in score.pairs:
-                rim = view.rims[i]
-                add_circle(result, recovery.curves[j], rim.centre, rim.normal, rim.radii[0])
-            axes = recovery.features.of_kind(FeatureKind.AXIS)
-            for k, ends in score.axis_pairs:
-                add_axis(result, axes, k, ends)
-    return result
+    view = curved_view(kind, seed, Rendering())
+    score = CurveScore()
+    recovery = recover(view.left, view.right, view.rig)
+    score.add(recovery, view)
+    for i, j in score.pairs:
+        rim = view.rims[i]
+        add_circle(result, recovery.curves[j], rim.centre, rim.normal, rim.radii[0])
+    axes = recovery.features.of_kind(FeatureKind.AXIS)
+    for k, ends in score.axis_pairs:
+        add_axis(result, axes, k, ends)
+    return vars(result)
 
 
-def of_pairs(families: list[str]) -> Iterator[tuple[str, NormalisedErrors]]:
-    """Edges and circles of pairs with truth, by family."""
-    for family in families_of(families):
-        result = NormalisedErrors()
-        for pair in load_pairs(data_folder(), [family]):
-            recovery = recover(pair.left, pair.right, pair.rig)
-            edges = recovery.features.of_kind(FeatureKind.EDGE)
-            own, lines = true_lines(pair, edges)
-            add_edges(result, edges.select(own), lines, _pixels_per_metre(pair.rig, lines))
-            if len(pair.circle) and recovery.curves:
-                curves = recovery.features.of_kind(FeatureKind.CURVE)
-                for i, j in matched_circles(pair, curves)[0].items():
-                    true = pair.circle[i]
-                    add_circle(result, recovery.curves[j], true[:3], true[3:6], true[6:8].max())
-        yield family, result
+def _of_pair(job: tuple[Path, str, str]) -> dict[str, Any]:
+    """Errors of edges and circles of a pair with truth: the folder of data, its family and its name."""
+    result = NormalisedErrors()
+    pair = load_pair(*job)
+    recovery = recover(pair.left, pair.right, pair.rig)
+    edges = recovery.features.of_kind(FeatureKind.EDGE)
+    own, lines = true_lines(pair, edges)
+    add_edges(result, edges.select(own), lines, _pixels_per_metre(pair.rig, lines))
+    if len(pair.circle) and recovery.curves:
+        curves = recovery.features.of_kind(FeatureKind.CURVE)
+        for i, j in matched_circles(pair, curves)[0].items():
+            true = pair.circle[i]
+            add_circle(result, recovery.curves[j], true[:3], true[3:6], true[6:8].max())
+    return vars(result)
+
+
+def _sum(results: Iterable[dict[str, Any]]) -> NormalisedErrors:
+    total = NormalisedErrors()
+    for one in results:
+        total.include(one['squared'], one['freedom'])
+    return total
 
 
 def normalised_rows(head: str, normalised: NormalisedErrors) -> Iterator[str]:
@@ -178,23 +203,34 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         '--pairs', nargs='*', metavar='FAMILY', help='pairs with truth: photoreal, real, or one of them'
     )
+    add_batch_options(parser)
     options = parser.parse_args(arguments)
     if options.curves is not None or options.pairs is not None:
         if options.curves is not None:
-            print('\n'.join(normalised_rows('rendered: ', of_curves(options.curves))), flush=True)
-        for family, of_family in of_pairs(options.pairs or []):
-            print('\n'.join(normalised_rows(f'{family}: ', of_family)), flush=True)
+            views = {f'{kind} {seed}': (kind, seed) for kind in CURVE_KINDS for seed in options.curves}
+            done = run_batch(_of_curves, views, options, 'curves', warm_up)
+            print('\n'.join(normalised_rows('rendered: ', _sum(done.values()))), flush=True)
+        for family in families_of(options.pairs or []):
+            folder = data_folder()
+            pairs = {name: (folder, family, name) for name in pair_names(folder, family, False)}
+            done = run_batch(_of_pair, pairs, options, family, warm_up)
+            print('\n'.join(normalised_rows(f'{family}: ', _sum(done.values()))), flush=True)
         return 0
     names = ['usual'] if options.conditions is None else options.conditions or list(CONDITIONS)
+    jobs = {
+        f'{name}, {kind}: {seed}': _SceneJob(name, kind, seed)
+        for name in names
+        for kind in options.kinds
+        for seed in options.seeds
+    }
     groups: Groups = {}
     normalised: dict[str, NormalisedErrors] = {}
-    for name in names:
-        for kind in options.kinds:
-            into = normalised.setdefault(f'{name}, {kind}: ', NormalisedErrors())
-            for seed in tqdm(
-                options.seeds, desc=f'{name} {kind}', unit='pair', file=sys.stderr, disable=not sys.stderr.isatty()
-            ):
-                add(groups, f'{name}, {kind}: ', scene_of(kind, seed, CONDITIONS[name]), into)
+    for name, one in run_batch(_of_scene, jobs, options, 'scenes', warm_up).items():
+        head = name[: name.index(': ') + 2]
+        normalised.setdefault(head, NormalisedErrors()).include(one['squared'], one['freedom'])
+        for group, columns in one['groups'].items():
+            for what, ratios in columns.items():
+                groups.setdefault(group, {}).setdefault(what, []).extend(ratios)
     if options.conditions is not None:
         groups = {name: columns for name, columns in groups.items() if ': all ' in name}
     print('\n'.join(rows(groups)))

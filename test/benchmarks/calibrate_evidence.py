@@ -20,18 +20,18 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from unittest.mock import patch
 
 import cv2
 import numpy as np
+from batches import add_batch_options, run_batch
 from bench_poses import NEGATIVES, recovered
 from pose_scoring import WRONG_DEG, WRONG_M
 from scipy.optimize import minimize, minimize_scalar
 from scipy.special import betaln
-from tqdm import tqdm
-from true_pairs import PHOTOREAL_KINDS, data_folder
-from true_poses import ALIKE, Part, PosedPair, all_parts, difference, posed_pairs
+from true_pairs import PHOTOREAL_KINDS, data_folder, load_pair
+from true_poses import ALIKE, Part, PosedPair, difference, parts_of, posed_names, posed_pair
 
 from model_matcher import MatchParams
 from model_matcher.geometry.pose_rows import as_pose
@@ -51,6 +51,8 @@ ABSENT = 12
 # Of the best hypotheses of absent parts, those above this quantile tell the tail.
 TAIL_FROM = 0.9
 BOOTSTRAPS = 50
+# Absent parts that a bootstrapped sample needs: two of them are then above the quantile.
+LEAST_ABSENT = 20
 RATES = (0.1, 0.01, 0.001)
 # At which as many right poses as possible are accepted; what features, outline and surface count for at first.
 DEFAULT_RATE = MatchParams().false_alarm_rate
@@ -89,23 +91,46 @@ class Best:
     curves: list[tuple[bool, float, float]]
 
 
-def best_hypotheses(families: list[str], data: Path | None, absent: int, seed: int) -> list[Best]:
-    """All searches."""
+class _PairJob(NamedTuple):
+    """A pair by its place among all, and how many absent parts are asked for in it."""
+
+    folder: Path
+    family: str
+    name: str
+    number: int
+    absent: int
+    seed: int
+
+
+def best_hypotheses(
+    families: list[str], data: Path | None, absent: int, seed: int, options: argparse.Namespace
+) -> list[Best]:
+    """All searches; options: of :func:`batches.add_batch_options`."""
     folder = data_folder(data)
-    parts = all_parts(folder)
-    rng = np.random.default_rng(seed)
-    found = []
-    for number, posed in enumerate(tqdm(posed_pairs(folder, families), unit='pair', disable=not sys.stderr.isatty())):
-        _, features = recovered(posed.pair)
-        views = Views.of((posed.pair.left, posed.pair.right), posed.pair.rig)
-        there = {one.part.name for one in posed.instances}
-        # What is nearly the same as something that stands there is neither right nor chance.
-        like = {name for name, other in ALIKE.items() if other in there}
-        others = [part for part in parts if part.name not in there | like]
-        chosen = rng.choice(len(others), min(absent, len(others)), replace=False)
-        for part in (*{one.part.name: one.part for one in posed.instances}.values(), *(others[k] for k in chosen)):
-            found += list(_best(posed, part, features, views, number % 2 == 0))
-    return found
+    jobs = {
+        f'{family} {name}': _PairJob(folder, family, name, number, absent, seed)
+        for number, (family, name) in enumerate(posed_names(folder, families))
+    }
+    return [Best(**one) for some in run_batch(_of_pair, jobs, options, 'evidence', _ready).values() for one in some]
+
+
+def _of_pair(job: _PairJob) -> list[dict[str, Any]]:
+    posed = posed_pair(job.folder, load_pair(job.folder, job.family, job.name))
+    _, features = recovered(posed.pair)
+    views = Views.of((posed.pair.left, posed.pair.right), posed.pair.rig)
+    there = {one.part.name for one in posed.instances}
+    # What is nearly the same as something that stands there is neither right nor chance.
+    like = {name for name, other in ALIKE.items() if other in there}
+    others = [part for part in parts_of(job.folder) if part.name not in there | like]
+    rng = np.random.default_rng([job.seed, job.number])
+    chosen = rng.choice(len(others), min(job.absent, len(others)), replace=False)
+    parts = (*{one.part.name: one.part for one in posed.instances}.values(), *(others[k] for k in chosen))
+    return [asdict(one) for part in parts for one in _best(posed, part, features, views, job.number % 2 == 0)]
+
+
+def _ready() -> None:
+    warm_up_recovery()
+    warm_up(images=True)
 
 
 def _best(posed: PosedPair, part: Part, features: FeatureSet, views: Views, train: bool) -> Iterator[Best]:
@@ -159,12 +184,15 @@ def _curves(shown_there: Presence, views: Views) -> list[tuple[bool, float, floa
 def _columns(found: list[Best]) -> tuple[np.ndarray, np.ndarray]:
     """Nats (n, 3) of features, outline and surface, and whether right (n,)."""
     nats = [[one.features, one.outline, log_ratio([Agreement(*face) for face in one.faces])] for one in found]
-    return np.array(nats), np.array([one.right for one in found])
+    return np.array(nats).reshape(-1, 3), np.array([one.right for one in found], bool)
 
 
 def fitted(found: list[Best]) -> np.ndarray:
-    """(9,): the numbers of NAMES."""
+    """(9,): the numbers of NAMES; NaN of those that nothing tells, as of curves where none of that kind was seen."""
     nats, right = _columns(found)
+    shares = [_share(found, False), _share(found, True)]
+    if right.all() or not right.any():
+        return np.concatenate([np.full(3, np.nan), shares, _surface_shares(found)])
 
     def counts(logarithms: np.ndarray) -> np.ndarray:
         direction = np.exp(logarithms - logarithms.max())
@@ -177,7 +205,6 @@ def fitted(found: list[Best]) -> np.ndarray:
     # The scale goes in steps where absent parts change places at the quantile: several ways down.
     fits = [minimize(cost, np.log(start), method='Nelder-Mead') for start in STARTS]
     best = counts(min(fits, key=lambda fit: fit.fun).x)
-    shares = [_share(found, False), _share(found, True)]
     return np.concatenate([best, shares, _surface_shares(found)])
 
 
@@ -188,6 +215,8 @@ def _scale(evidence: np.ndarray) -> float:
     """
     start = float(np.quantile(evidence, TAIL_FROM))
     tail = evidence[evidence > start]
+    if len(tail) == 0:
+        return np.nan
 
     def cost(scale: float) -> float:
         below = np.log1p(-np.exp(-scale * max(start, 1e-3)))
@@ -199,6 +228,8 @@ def _scale(evidence: np.ndarray) -> float:
 def _share(found: list[Best], is_bent: bool) -> float:
     """Share of the curves of absent parts that lie on edges in space: the most likely one."""
     likely = np.array([one[1:] for best in found if not best.right for one in best.curves if one[0] == is_bent])
+    if len(likely) == 0:
+        return np.nan
 
     def cost(share: float) -> float:
         return -float(np.logaddexp(np.log(share) + likely[:, 0], np.log1p(-share) + likely[:, 1]).sum())
@@ -210,7 +241,10 @@ def _surface_shares(found: list[Best]) -> np.ndarray:
     """(4,): of the most likely beta distributions of the share of patches that agree, own surfaces and others'."""
 
     def fit(right: bool, own: np.ndarray | None) -> np.ndarray:
-        agree, looked = np.array([face for one in found if one.right == right for face in one.faces]).T
+        faces = np.array([face for one in found if one.right == right for face in one.faces]).reshape(-1, 2)
+        if len(faces) == 0 or (own is not None and np.isnan(own).any()):
+            return np.full(2, np.nan)
+        agree, looked = faces.T
 
         def likely(share: np.ndarray) -> np.ndarray:
             return betaln(agree + share[0], looked - agree + share[1]) - betaln(*share)
@@ -228,15 +262,16 @@ def _surface_shares(found: list[Best]) -> np.ndarray:
 
 
 def intervals(found: list[Best], rng: np.random.Generator) -> np.ndarray:
-    """(2, 9): what 90 in 100 fits to bootstrapped pairs lie between."""
+    """(2, 9): what 90 in 100 fits to bootstrapped pairs lie between; NaN of what they do not tell."""
     pairs = list(dict.fromkeys(one.pair for one in found))
     fits = []
     for _ in range(BOOTSTRAPS):
         drawn = rng.choice(len(pairs), len(pairs))
         some = [one for k in drawn for one in found if one.pair == pairs[k]]
-        if any(one.right for one in some) and sum(not one.right for one in some) > 20:
+        if sum(not one.right for one in some) >= LEAST_ABSENT:
             fits.append(fitted(some))
-    return np.quantile(fits, [0.05, 0.95], axis=0)
+    told = [[fit[k] for fit in fits if np.isfinite(fit[k])] for k in range(len(NAMES))]
+    return np.array([np.quantile(some, [0.05, 0.95]) if some else [np.nan, np.nan] for some in told]).T
 
 
 # -- what is observed ------------------------------------------------------------------------------------------
@@ -303,11 +338,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--all', action='store_true', help='fit to all pairs, not to every second one')
     parser.add_argument('--draw', type=Path, help='write a picture of the evidence')
     parser.add_argument('--json', type=Path, help='write every search')
+    add_batch_options(parser)
     options = parser.parse_args(arguments)
-    warm_up_recovery()
-    warm_up(images=True)
     try:
-        found = best_hypotheses(options.families, options.data, options.absent, options.seed)
+        found = best_hypotheses(options.families, options.data, options.absent, options.seed, options)
     except FileNotFoundError as reason:
         print(reason)
         return 0

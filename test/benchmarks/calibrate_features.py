@@ -16,21 +16,24 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from batches import add_batch_options, run_batch
 from bench_matcher import GENERATORS, MODELS, THESIS_SIZES, clutter_of, is_right
 from bench_poses import NEGATIVES, recovered
 from rendered_views import load_object, recovered_view
 from scipy.optimize import minimize
-from tqdm import tqdm
-from true_pairs import data_folder
-from true_poses import all_parts, posed_pairs
+from true_pairs import data_folder, load_pair
+from true_poses import parts_of, posed_names, posed_pair
 
 from model_matcher import MatchParams, MatchResult, index_model, match
 from model_matcher.closed_form.synthetic.scenes import make_scene, scaled
+from model_matcher.model.index import ModelIndex
 from model_matcher.pipeline import warm_up
 from model_matcher.verification.settings import FALSE_ALARMS
 from stereo_recovery.pipeline import warm_up as warm_up_recovery
@@ -73,56 +76,103 @@ def _searched(kind: str, share: float, result: MatchResult, right: bool, train: 
     return Searched(kind, share, float(logarithm), float(evidence), train)
 
 
-def in_synthetic_scenes(seeds: range) -> Iterator[Searched | None]:
-    """Models in scenes of which four fifths are clutter, of every kind."""
+def in_synthetic_scenes(job: tuple[str, str, range]) -> list[dict[str, Any]]:
+    """A model in scenes of which four fifths are clutter of a kind."""
+    kind, name, seeds = job
     params = MatchParams(false_alarm_rate=RATES[-1])
-    for kind in tqdm(GENERATORS, desc='clutter', disable=not sys.stderr.isatty()):
-        for name in THESIS_SIZES:
-            model = MODELS[name]()
-            index, others = index_model(model, name), clutter_of(kind, name)
-            for seed in seeds:
-                rng = np.random.default_rng(seed)
-                copies = tuple(scaled(model, f) for f in (rng.uniform(0.85, 0.92), rng.uniform(1.08, 1.15)))
-                decoys = copies if kind == 'decoys' else ()
-                for share, count, visible in ((0.0, 0, 0.75), (0.75, 1, 0.75), (0.3, 1, 0.3)):
-                    scene = make_scene(model, seed, 0.8, visible, count, decoys=decoys, others=others)
-                    result = match(index, scene.data, params)
-                    first = next(iter((*result.interpretations, *result.rejected)), None)
-                    right = share == 0.0 or is_right(first, scene, index.size)
-                    yield _searched(kind, share, result, right, seed % 2 == 0)
+    model = MODELS[name]()
+    index, others = index_model(model, name), clutter_of(kind, name)
+    found = []
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        copies = tuple(scaled(model, f) for f in (rng.uniform(0.85, 0.92), rng.uniform(1.08, 1.15)))
+        decoys = copies if kind == 'decoys' else ()
+        for share, count, visible in ((0.0, 0, 0.75), (0.75, 1, 0.75), (0.3, 1, 0.3)):
+            scene = make_scene(model, seed, 0.8, visible, count, decoys=decoys, others=others)
+            result = match(index, scene.data, params)
+            first = next(iter((*result.interpretations, *result.rejected)), None)
+            right = share == 0.0 or is_right(first, scene, index.size)
+            found.append(_searched(kind, share, result, right, seed % 2 == 0))
+    return _plain(found)
 
 
-def in_recovered_views(seeds: range) -> Iterator[Searched | None]:
-    """Models in views of single objects, as recovery has seen them in rendered pairs."""
+def in_recovered_views(job: tuple[int, str]) -> list[dict[str, Any]]:
+    """Models in a view of another object, as recovery has seen it in a rendered pair."""
+    seed, file = job
     params = MatchParams(false_alarm_rate=RATES[-1])
-    objects = {file: load_object(file) for file in SEEN}
-    indexes = {name: index_model(objects[name][1], name) for name in THESIS_SIZES}
-    for seed in tqdm(seeds, desc='views', disable=not sys.stderr.isatty()):
-        for number, file in enumerate(SEEN):
-            data = recovered_view(*objects[file], 100 * seed + number)
-            for name, index in indexes.items():
-                if name != file:
-                    yield _searched('recovered views', 0.0, match(index, data, params), True, seed % 2 == 0)
+    data = recovered_view(*_object(file), 100 * seed + SEEN.index(file))
+    return _plain(
+        _searched('recovered views', 0.0, match(_indexed(name), data, params), True, seed % 2 == 0)
+        for name in THESIS_SIZES
+        if name != file
+    )
 
 
-def in_pictures(data: Path | None) -> Iterator[Searched | None]:
-    """Parts that are not there in pictures of cameras; none without the pictures."""
+_object = cache(load_object)
+
+
+@cache
+def _indexed(name: str) -> ModelIndex:
+    return index_model(_object(name)[1], name)
+
+
+def in_pictures(job: tuple[Path, str, str, int]) -> list[dict[str, Any]]:
+    """Parts that are not there in a pair of cameras."""
+    folder, family, name, number = job
+    posed = posed_pair(folder, load_pair(folder, family, name))
+    params = MatchParams(false_alarm_rate=RATES[-1])
+    there = {one.part.name for one in posed.instances}
+    others = [part for part in parts_of(folder) if part.name not in there]
+    rng = np.random.default_rng([0, number])
+    _, features = recovered(posed.pair)
+    return _plain(
+        _searched('pictures', 0.0, match(others[k].index, features, params), True, number % 2 == 0)
+        for k in rng.choice(len(others), min(ABSENT, len(others)), replace=False)
+    )
+
+
+def _plain(found: Iterable[Searched | None]) -> list[dict[str, Any]]:
+    """Searches as values that can be kept; those for which there was no data left out."""
+    return [asdict(one) for one in found if one is not None]
+
+
+def all_searches(count: int, data: Path | None, options: argparse.Namespace) -> list[Searched]:
+    """So many scenes of each kind and model, views, and pictures where there are any."""
+    seeds = range(50_000, 50_000 + count)
     try:
         folder = data_folder(data)
+        pairs = posed_names(folder, list(NEGATIVES))
     except FileNotFoundError as reason:
         print(reason)
-        return
-    params = MatchParams(false_alarm_rate=RATES[-1])
-    parts = all_parts(folder)
-    rng = np.random.default_rng(0)
-    pairs = posed_pairs(folder, NEGATIVES)
-    for number, posed in enumerate(tqdm(pairs, desc='pictures', disable=not sys.stderr.isatty())):
-        there = {one.part.name for one in posed.instances}
-        others = [part for part in parts if part.name not in there]
-        _, features = recovered(posed.pair)
-        for k in rng.choice(len(others), min(ABSENT, len(others)), replace=False):
-            result = match(others[k].index, features, params)
-            yield _searched('pictures', 0.0, result, True, number % 2 == 0)
+        folder, pairs = Path(), []
+    jobs: tuple[tuple[Callable[[Any], list[dict[str, Any]]], str, dict[str, Any]], ...] = (
+        (
+            in_synthetic_scenes,
+            'clutter',
+            {f'{kind} {name}': (kind, name, seeds) for kind in GENERATORS for name in THESIS_SIZES},
+        ),
+        (
+            in_recovered_views,
+            'views',
+            {f'{file} {seed}': (seed, file) for seed in range(max(2, count // 4)) for file in SEEN},
+        ),
+        (
+            in_pictures,
+            'pictures',
+            {f'{family} {name}': (folder, family, name, number) for number, (family, name) in enumerate(pairs)},
+        ),
+    )
+    return [
+        Searched(**one)
+        for function, title, some in jobs
+        for found in run_batch(function, some, options, title, _ready).values()
+        for one in found
+    ]
+
+
+def _ready() -> None:
+    warm_up_recovery()
+    warm_up()
 
 
 def fitted(found: list[Searched]) -> np.ndarray:
@@ -179,16 +229,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--data', type=Path, help='folder with real')
     parser.add_argument('--seeds', type=int, default=20, help='scenes of each kind and model')
     parser.add_argument('--json', type=Path, help='write every search')
+    add_batch_options(parser)
     options = parser.parse_args(arguments)
-    warm_up_recovery()
-    warm_up()
-    seeds = range(50_000, 50_000 + options.seeds)
-    searches = (
-        *in_synthetic_scenes(seeds),
-        *in_recovered_views(range(max(2, options.seeds // 4))),
-        *in_pictures(options.data),
-    )
-    found = [one for one in searches if one is not None]
+    found = all_searches(options.seeds, options.data, options)
     train = [one for one in found if one.train and one.share == 0.0]
     numbers = fitted(train)
     low, high = intervals(train, np.random.default_rng(0))

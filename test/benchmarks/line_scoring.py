@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from scipy.optimize import least_squares
 from stereo_scenes import StereoScene, is_flat
@@ -29,6 +32,15 @@ class LineScore:
         self.ends: list[float] = []
         self.ratios: dict[str, list[float]] = {'err_per': [], 'err_par': [], 'cone': []}
         self.poses: list[tuple[float, float]] = []
+
+    def include(self, sums: Mapping[str, Any]) -> None:
+        """Add the sums of other scenes: the attributes of their score, as JSON has them."""
+        for name, value in sums.items():
+            if name == 'ratios':
+                for what, ratios in value.items():
+                    self.ratios[what] += ratios
+            else:
+                setattr(self, name, getattr(self, name) + value)
 
     def add(
         self, found: FeatureSet, truth: np.ndarray, faint: np.ndarray, also: np.ndarray | tuple[()] = ()

@@ -6,7 +6,7 @@ its mean is that number, and 95 % lie inside the 95 % region.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -44,6 +44,12 @@ class NormalisedErrors:
         white = np.linalg.solve(covariance, error[..., None])[..., 0]
         self.freedom[name] = error.shape[1]
         self.squared.setdefault(name, []).extend((error * white).sum(axis=1).tolist())
+
+    def include(self, squared: Mapping[str, list[float]], freedom: Mapping[str, int]) -> None:
+        """Add the errors of others."""
+        for name, values in squared.items():
+            self.squared.setdefault(name, []).extend(values)
+        self.freedom.update(freedom)
 
     def rows(self) -> Iterator[tuple[str, int, float, float, float, float]]:
         """Name, number, share that are mistakes; of the rest the mean of the squares over their freedom; of all the

@@ -1,15 +1,12 @@
 """The least error of a pose that any method could have on given pictures: the Cramer-Rao bound of the visible edges.
 
-A step of c grey levels, blurred by a Gaussian of s pixels, in noise of sigma grey levels, has the Fisher information
-c^2 / (2 sqrt(pi) s sigma^2) on its displacement along its normal, for every pixel of its length (the integral of the
-squared derivative of the profile, over the variance of a pixel). The normal displacement of a point X of the part is
-linear in the six errors of a pose; so the information on the pose is the sum over all that is seen, in all views. A
-point where a line of sight touches a curved surface moves along its normal as a fixed point of the part does: what it
-slides on the surface it slides along the line of sight.
+What a step of grey tells of its place is :func:`model_matcher.closed_form.planning.steps.edge_information`. The normal
+displacement of a point X of the part is linear in the six errors of a pose; so the information on the pose is the sum
+over all that is seen, in all views. A point where a line of sight touches a curved surface moves along its normal as a
+fixed point of the part does: what it slides on the surface it slides along the line of sight.
 
-Grey levels beside the edges are taken as known. To estimate them from a window of w pixels across costs the share
-2 sqrt(pi) s / w of the information; the height of the step costs nothing (its derivative is odd about the step, that of
-a displacement even). Left out: shading that turns with the part, and edges so near that one profile has two.
+Grey levels beside the edges are taken as known, which to estimate has a price. Left out, too: shading that turns with
+the part, and edges so near that one profile has two.
 """
 
 from __future__ import annotations
@@ -17,19 +14,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from csg_renderer import Solid, visible_fragments
+from model_matcher.closed_form.planning.settings import ROUNDING_VARIANCE
+from model_matcher.closed_form.planning.steps import edge_information, step_heights
 from msgs_py import FeatureKind, PinholeCamera, Pose
 
-# Variance of a pixel's own width, pixels^2: a box of one pixel, projected on any direction.
-BOX_VARIANCE = 1.0 / 12.0
-# Variance of rounding to whole grey levels.
-ROUNDING_VARIANCE = 1.0 / 12.0
-# Grey levels are read so far to both sides of an edge, pixels, in a picture of point samples: the pixel there is
-# beyond the edge however the grid lies.
-BESIDE = 1.25
 # Samples stand so far apart, pixels; a curve is followed in so many chords.
 STEP, CHORDS = 1.0, 257
 # Directions of the pose with less information than this share of the most are free, turns in units of the part's size:
@@ -104,26 +95,6 @@ def pose_error(true: Pose, found: Pose) -> np.ndarray:
     return np.concatenate([found.translation - true.translation, turn])
 
 
-def sensor_blur(psf: float) -> float:
-    """Pixels, standard deviation of what SensorModel and the pixel's own width make of a step.
-
-    A sampled kernel of small width is narrower than the Gaussian that it samples.
-    """
-    if psf <= 0.0:
-        return float(np.sqrt(BOX_VARIANCE))
-    size = round(8.0 * psf + 1.0) | 1  # as OpenCV chooses it for floats
-    kernel = cv2.getGaussianKernel(size, psf).ravel()
-    return float(np.sqrt(kernel @ np.square(np.arange(size) - size // 2) + BOX_VARIANCE))
-
-
-def edge_information(contrast: np.ndarray | float, blur: float, noise: float) -> np.ndarray:
-    """Fisher information on the normal displacement of a step, 1 / pixels^2 for each pixel of its length.
-
-    contrast : grey levels; blur : pixels, standard deviation of all of it; noise : grey levels, standard deviation
-    """
-    return np.asarray(np.square(contrast) / (2.0 * np.sqrt(np.pi) * blur * noise**2))
-
-
 def pose_bound(
     solid: Solid,
     left_T_part: Pose,
@@ -184,19 +155,6 @@ def _spaced(line: np.ndarray, camera: PinholeCamera) -> Iterator[tuple[np.ndarra
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     normals = np.column_stack([-along[:, 1], along[:, 0]])
     yield camera.rays(pixels) / inverse, pixels, normals, np.full(count, run[-1] / count)
-
-
-def step_heights(image: np.ndarray, pixels: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """(n,) float64: grey levels on one side of each place less those on the other; 0 at the picture's border."""
-    height, width = image.shape
-    sides = []
-    inside = np.ones(len(pixels), bool)
-    for side in (BESIDE, -BESIDE):
-        at = np.round(pixels + side * normals).astype(int)
-        inside &= ((at >= 0) & (at < [width, height])).all(axis=1)
-        column, row = np.clip(at, 0, [width - 1, height - 1]).T
-        sides.append(image[row, column].astype(float))
-    return np.where(inside, sides[0] - sides[1], 0.0)
 
 
 def normal_jacobian(samples: EdgeSamples, view: View, origin: np.ndarray) -> np.ndarray:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from pose_bounds import PoseBound, View, pose_bound, sensor_blur
+from pose_bounds import PoseBound, View, pose_bound
 from true_poses import Instance, Part, Pictures, PosedPair, make_part
 
 from csg_renderer import render_stereo, scene_names
 from csg_renderer.raycast.sensor import SensorModel, grey
 from model_matcher.closed_form.case import Case
+from model_matcher.closed_form.planning.steps import sensor_blur
 from model_matcher.closed_form.scene_files import PreparedCase, prepare
 from msgs_py import Pose
 
@@ -38,13 +38,16 @@ def _view(name: str) -> tuple[PreparedCase, Part, tuple[np.ndarray, np.ndarray],
     return ready, make_part(name, solid), (left, right), bound
 
 
-def rendered_pairs(seeds: int) -> Iterator[PosedPair]:
-    """Every view, so many times, with noise of its own each time; the sensor is that of a closed-form case."""
-    for name in sorted(filter(VIEW.match, scene_names())):
-        ready, part, pictures, bound = _view(name)
-        for seed in range(seeds):
-            left, right = (
-                SensorModel(Case.psf, Case.noise, (seed, 0, eye)).apply(picture) for eye, picture in enumerate(pictures)
-            )
-            pair = Pictures(f'{name} {seed}', RENDERED, left, right, ready.rig)
-            yield PosedPair(pair, (Instance(part, ready.true_pose, 1.0, part.axis),), (part,), (bound,))
+def view_names() -> list[str]:
+    """The scenes of the views."""
+    return sorted(filter(VIEW.match, scene_names()))
+
+
+def rendered_pair(name: str, seed: int) -> PosedPair:
+    """A view with noise of its own; the sensor is that of a closed-form case."""
+    ready, part, pictures, bound = _view(name)
+    left, right = (
+        SensorModel(Case.psf, Case.noise, (seed, 0, eye)).apply(picture) for eye, picture in enumerate(pictures)
+    )
+    pair = Pictures(f'{name} {seed}', RENDERED, left, right, ready.rig)
+    return PosedPair(pair, (Instance(part, ready.true_pose, 1.0, part.axis),), (part,), (bound,))

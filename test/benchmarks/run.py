@@ -39,7 +39,10 @@ LIBRARIES = (
     'ros-jazzy-rclpy',
 )
 # Arguments for benchmarks that are plain scripts: short, and everything.
-SCRIPT_ARGUMENTS = {'bench_matcher': (['--seeds', '20', '--models', 'l_shape,chair,plug'], ['--seeds', '60'])}
+SCRIPT_ARGUMENTS = {
+    'bench_matcher': (['--seeds', '20', '--models', 'l_shape,chair,plug'], ['--seeds', '60']),
+    'bench_catalogue': (['--fresh', '--models', '1000', '--scenes', '30'], ['--fresh', '--scenes', '60']),
+}
 SCRIPT_LIMIT_S = 900
 # A figure that differs from the last run's by less is noise on a shared machine.
 NOISE = 0.25

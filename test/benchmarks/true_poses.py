@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from pose_bounds import PoseBound
 from third_eyes import third_eye
-from true_pairs import FAMILIES, LEAST_CONTRAST, PHOTOREAL_KINDS, TruePair, load_pairs
+from true_pairs import FAMILIES, LEAST_CONTRAST, PHOTOREAL_KINDS, TruePair, load_pair, pair_names
 
 from csg_renderer import Solid, SolidOutline, load_models, model_features, parse_scene, scene_names, scene_path
 from model_matcher.closed_form.real_pair import SQUARE_M
@@ -219,6 +219,9 @@ def all_parts(data: Path) -> list[Part]:
     return parts
 
 
+parts_of = lru_cache(maxsize=1)(all_parts)
+
+
 # -- families --------------------------------------------------------------------------------------------------
 
 
@@ -302,9 +305,21 @@ def posed_pairs(
     data: Path, families: list[str], scenes: list[str] | None = None, held: bool = False
 ) -> Iterator[PosedPair]:
     """Pairs of families one after the other, those whose truth is doubted left out."""
-    for pair in load_pairs(data, families, scenes, held):
-        if pair.family != 'teabox' or pair.name in TEA_BOX_PAIRS:
-            yield posed_pair(data, pair)
+    for family, name in posed_names(data, families, scenes, held):
+        yield posed_pair(data, load_pair(data, family, name))
+
+
+def posed_names(
+    data: Path, families: list[str], scenes: list[str] | None = None, held: bool = False
+) -> list[tuple[str, str]]:
+    """Family and name of each of :func:`posed_pairs`; scenes: those whose name begins with one of these."""
+    return [
+        (family, name)
+        for family in families
+        for name in pair_names(data, family, held)
+        if (not scenes or any(name.startswith(scene) for scene in scenes))
+        and (family != 'teabox' or name in TEA_BOX_PAIRS)
+    ]
 
 
 def _in_metres(pair: TruePair) -> StereoRig:

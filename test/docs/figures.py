@@ -235,6 +235,33 @@ def _ms(value: float | None) -> str:
 
 
 README, IMAGES = ROOT / 'README.md', ROOT / 'src' / 'model_matcher' / 'docs' / 'images.md'
+CAMERA = ROOT / 'src' / 'csg_renderer' / 'docs' / 'camera.md'
+
+
+def effects() -> str:
+    """Recovery on our pictures of the path traced scenes beside recovery on the tracer's."""
+    record = read('effects')
+    keys = {
+        'recall': 'recall',
+        'right': 'right',
+        'across_mm': 'ends across, mm',
+        'end_mm': 'ends along, mm',
+        'angle_deg': 'deg',
+    }
+
+    def cell(pair: list[float | None]) -> str:
+        theirs, ours = pair
+        if theirs is None or ours is None or not theirs:
+            return '-'
+        return f'{theirs:.3g}, {ours:.3g} ({100.0 * (ours - theirs) / theirs:+.0f} %)'
+
+    rows = [
+        ['all' if family == 'photoreal' else family, *(cell(values[key]) for key in keys)]
+        for family, values in record.figures.items()
+    ]
+    return f'{table(list(keys.values()), rows)}\n\n{paragraph(record.source + ".")}'
+
+
 BLOCKS: dict[str, tuple[Path, Callable[[], str]]] = {
     'views': (README, views),
     'renderer': (README, renderer),
@@ -242,6 +269,7 @@ BLOCKS: dict[str, tuple[Path, Callable[[], str]]] = {
     'pictures': (README, pictures),
     'limits': (README, limits),
     'found': (IMAGES, found_in_pictures),
+    'effects': (CAMERA, effects),
 }
 
 

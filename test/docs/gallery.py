@@ -9,6 +9,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,6 +18,7 @@ from tqdm import tqdm
 from csg_renderer import Scene, load_models, load_scene, model_features, render, visible_fragments
 from csg_renderer.features import thesis_counts
 from csg_renderer.features.thesis_counts import MODELS, SCENES
+from csg_renderer.raycast.exposure import moved_by
 from csg_renderer.raycast.outputs import save_image
 from csg_renderer.raycast.render import scene_rig
 from msgs_py import PinholeCamera
@@ -42,6 +44,14 @@ TITLES = {
 }
 # Scenes with a terrain, of which the thesis has none.
 TERRAINS = ('hills',)
+# Scenes with pictures on faces, metal and soft light.
+SURFACES = ('carton', 'printed_goods')
+# What camera.md shows of aperture and motion.
+EXPOSURES: dict[str, dict[str, Any]] = {
+    'pinhole': {'samples': 36},
+    '24 mm wide, sharp at 0.4 m': {'samples': 4, 'aperture': 0.024, 'focus': 0.4},
+    'moves 12 mm aside, turns by 2 deg': {'samples': 4, 'motion': ([0.012, 0.0, 0.0], [0.0, 0.0, 2.0])},
+}
 VIEWS = {**thesis_counts.VIEWS, **thesis_counts.REAL_VIEWS}
 # Wide enough to count what is seen whatever the framing of a scene.
 WIDE = PinholeCamera.centred(8000, 8000, 703.0)
@@ -67,19 +77,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     save_image(options.folder / 'large_scenes.png', sheet(large, 3))
     grounds = [tile(name, 2 * options.size, name, levels=4) for name in tqdm(TERRAINS, desc='terrains')]
     save_image(options.folder / 'terrain.png', sheet(grounds, 1))
+    prints = [tile(name, 2 * options.size, name, levels=3) for name in tqdm(SURFACES, desc='surfaces')]
+    save_image(options.folder / 'surfaces.png', sheet(prints, 2))
+    blurred = [
+        tile('printed_goods', options.size, title, levels=3, **camera)
+        for title, camera in tqdm(EXPOSURES.items(), desc='exposures')
+    ]
+    save_image(options.folder / 'exposure.png', sheet(blurred, 3))
     (options.folder / 'scenes.md').write_text(page(), encoding='utf-8')
     return 0
 
 
-def tile(name: str, size: int, title: str, flipped: bool = False, levels: int = 1) -> np.ndarray:
+def tile(name: str, size: int, title: str, flipped: bool = False, levels: int = 1, **options) -> np.ndarray:
     """(size, size, 3) uint8: a scene with its title. A test model fills the picture, whatever its camera says.
 
-    levels : surfaces a ray may meet; with more than one there are shadows, too
+    levels : surfaces a ray may meet; with more than one there are shadows, too. options : of render
     """
     scene = load_scene(name)
     rig = scene_rig(scene, size, size, baseline=1.0)
     camera = framed(scene, size) if flipped else rig.left
-    image = render(scene, camera, antialias=3, shadows=levels > 1, levels=levels).image
+    if 'motion' in options:
+        options['motion'] = moved_by(scene.camera_T_scene, *options['motion'])
+    image = render(scene, camera, antialias=3, shadows=levels > 1, levels=levels, **options).image
     if flipped:
         image = image[::-1]
     out: np.ndarray = np.ascontiguousarray(image)
@@ -143,12 +162,16 @@ def page() -> str:
         thesis = counts.primitives, counts.halfspaces
         lines.append(f'| {TITLES[name]} (`{name}`) | ' + ' | '.join(beside(a, b) for a, b in zip(ours, thesis)) + ' |')
     lines += ['', '![Hills](terrain.png)', '', TERRAIN_NOTES]
+    lines += ['', '![Printed cartons, metal and soft light](surfaces.png)', '', SURFACE_NOTES]
     return '\n'.join(lines) + '\n'
 
 
 TERRAIN_NOTES = """`hills`: a digital terrain map (`TERRAIN`, thesis 4.11) of 97 x 97 heights, coloured by height, with
 shadows, water that mirrors and lets through, and solids on it: `render hills --shadows --levels 4 --antialias 3`.
 `python test/docs/hills.py` makes the heights."""
+SURFACE_NOTES = """`carton`: a picture for each side of a box (`TEXTURE`). `printed_goods`: it stands on a table
+beside a can, a part of rough steel and a brass ball (`METAL`). `ENVIRONMENT` and a lamp with a `RADIUS` light it:
+`render printed_goods --shadows --levels 3 --antialias 3`. `python test/docs/carton.py` draws the pictures."""
 NOTES = """A feature counts once, however many pieces of it are seen. The thesis' counts of Plug, Chipped Block, Chair,
 Computer, L-shape and Wedge are of ideal data. Those of CylinderBox, Lamp, Tubes and Widget are of recovered data, where
 a broken edge counts twice and a weak one not at all: view 2 of the CylinderBox shows 9 edges of a box at most, of which

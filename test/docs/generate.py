@@ -26,6 +26,7 @@ from rclpy.context import Context
 from csg_renderer.node import RendererNode
 from dap_emulator.machine import counted
 from dap_emulator.node import EmulatorNode
+from model_matcher.merger_node import MergerNode
 from model_matcher.node import MatcherNode
 from model_matcher.tracker_node import TrackerNode
 from model_matcher.viewer_node import ViewerNode
@@ -41,6 +42,8 @@ ROOMS_BEGIN, ROOMS_END = '<!-- rooms:begin (written by test/docs/generate.py) --
 MEANING = {
     'left/image_rect': 'rectified left image',
     'right/image_rect': 'rectified right image',
+    'left/image_raw': 'left image as the lens distorts it; on demand',
+    'right/image_raw': 'right image as the lens distorts it; on demand',
     'left/camera_info': 'its calibration',
     'right/camera_info': 'its calibration; `P[0,3]` is -fx · baseline',
     'left/depth': 'camera z in metres, NaN where there is nothing; on demand',
@@ -53,6 +56,8 @@ MEANING = {
     'interpretations/l_shape': 'best accepted pose of a model; one topic for each model',
     'interpretations/l_shape/with_covariance': 'the same with its 6 x 6 covariance, axes fixed, x y z before rx ry rz',
     'interpretations/report': 'one status for each hypothesis: score, assignment, reason of rejection',
+    'shard_1/interpretations/report': 'what the matcher_node with shard 1/N answered; one topic for each shard',
+    'shard_2/interpretations/report': 'what the matcher_node with shard 2/N answered',
     'scene_objects': 'shapes of what was recognised, as CollisionObject where moveit_msgs is installed; on demand',
     'interpretations/symmetries': 'JSON, latched: the symmetry of each model, from its features',
     'interpretations/markers': 'wire frames of what was recognised; on demand',
@@ -131,6 +136,7 @@ NODES = (
     Documented('stereo_recovery', RecoveryNode, {}, 'recovery.yaml'),
     Documented('model_matcher', MatcherNode, {'models': ['l_shape']}, 'matcher.yaml'),
     Documented('model_matcher', TrackerNode, {'models': ['l_shape']}, 'tracker.yaml', 'tracker'),
+    Documented('model_matcher', MergerNode, {'models': ['l_shape']}, 'merger.yaml', 'merger'),
     Documented('model_matcher', ViewerNode, {'port': 0}, 'viewer.yaml', 'viewer'),
     Documented('dap_emulator', EmulatorNode, {}, 'emulator.yaml'),
 )

@@ -43,11 +43,16 @@ ABOUT = (
 GUIDES = {
     'msgs_py': (),
     'dap_emulator': (('The array machine', 'docs/dap.md'),),
-    'csg_renderer': (('The modelling language', 'docs/language.md'), ('Gallery', 'docs/scenes.md')),
+    'csg_renderer': (
+        ('The modelling language', 'docs/language.md'),
+        ('Gallery', 'docs/scenes.md'),
+        ('As a camera sees it', 'docs/camera.md'),
+    ),
     'stereo_recovery': (('Your camera', 'docs/your_camera.md'), ('The method', 'docs/method.md')),
     'model_matcher': (
         ('The pose in the images', 'docs/images.md'),
         ('Proven', 'docs/proof.md'),
+        ('Will it work in my cell?', 'docs/planning.md'),
         ('BOP and BPC', 'docs/benchmarks.md'),
     ),
 }

@@ -26,7 +26,7 @@ from csg_renderer.raycast import engine_dap
 from csg_renderer.raycast.array_machine.caster import Caster
 from csg_renderer.raycast.flatten import flatten
 from csg_renderer.raycast.frame import RenderOptions, RenderStats
-from csg_renderer.raycast.program import program_of, view_of
+from csg_renderer.raycast.programs.program import program_of, view_of
 from csg_renderer.raycast.view_data import plan_of, view_data
 from csg_renderer.scene.solid import FACES
 from dap_emulator import Dap

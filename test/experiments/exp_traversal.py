@@ -9,9 +9,9 @@ from thesis import TILING
 from csg_renderer import Scene, Solid, load_scene, scene_names
 from csg_renderer.raycast.engine_dap import render
 from csg_renderer.raycast.frame import RenderOptions, RenderStats
-from csg_renderer.raycast.program import postfix
+from csg_renderer.raycast.programs.program import postfix
+from csg_renderer.raycast.programs.tree_order import left_heavy, stack_depth
 from csg_renderer.raycast.render import scene_rig
-from csg_renderer.raycast.tree_order import left_heavy, stack_depth
 from dap_emulator import Dap
 from msgs_py import PinholeCamera, Pose
 

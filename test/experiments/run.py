@@ -1,7 +1,8 @@
 """Every experiment: ``make experiments`` or ``python test/experiments/run.py [--only NAME ...] [--force]``.
 
-Each writes out/experiments/NAME.json; one that is there is not run again unless --force. The page index.html and, with
-a complete set of results, RESULTS.md beside this file are written from those files.
+Each writes out/experiments/NAME.json; one that is there is not run again unless --force. --workers N runs so many
+beside each other, --dask on a cluster. The page index.html and, with a complete set of results, RESULTS.md beside this
+file are written from those files.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import subprocess
 import sys
 import time
 import traceback
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,8 @@ from lab import Experiment, NotAvailable, Setting  # noqa: E402
 from page import write_page, write_results  # noqa: E402
 from results import keep  # noqa: E402
 from tqdm import tqdm  # noqa: E402
+
+from model_matcher.batches.jobs import Workers, add_worker_options, runner, workers_of  # noqa: E402
 
 # The order of the page.
 GROUPS = (
@@ -56,6 +60,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--record', action='store_true', help='keep them in benchmarks/results/, which pages quote')
     parser.add_argument('--tiny', action='store_true', help='the smallest run of each, to test the plumbing')
     parser.add_argument('--out', type=Path, default=ROOT / 'out' / 'experiments', help='folder of the results')
+    add_worker_options(parser)  # times measured beside other experiments are longer
     parser.add_argument('--list', action='store_true', help='name the experiments and stop')
     options = parser.parse_args(arguments)
     if options.list:
@@ -74,13 +79,12 @@ def main(arguments: list[str] | None = None) -> int:
     failed = []
     stopped = False
     try:
-        with tqdm(chosen, desc='experiments', unit='', file=sys.stdout) as bar:
-            for item in bar:
+        left = [one for one in chosen if options.force or not is_done(options.out / f'{one.name}.json', options.tiny)]
+        with tqdm(
+            total=len(chosen), initial=len(chosen) - len(left), desc='experiments', unit='', file=sys.stdout
+        ) as bar:
+            for item, document, page in conducted(left, options.tiny, workers_of(options), bar):
                 path = options.out / f'{item.name}.json'
-                if not options.force and is_done(path, options.tiny):
-                    continue
-                bar.set_postfix_str(item.name)
-                document, page = conduct(item, options.tiny)
                 document['view'] = page is not None
                 if page is not None:
                     (options.out / f'{item.name}.html').write_text(page, encoding='utf-8')
@@ -111,8 +115,34 @@ def main(arguments: list[str] | None = None) -> int:
     return 1 if failed else 0
 
 
-def conduct(item: Experiment, tiny: bool) -> tuple[dict[str, Any], str | None]:
-    """Run one; a missing capability and a failure are results too. Its document, and its view in space as HTML."""
+def conducted(
+    items: list[Experiment], tiny: bool, workers: Workers, bar: tqdm
+) -> Iterator[tuple[Experiment, dict[str, Any], str | None]]:
+    """Each with what :func:`conduct` gives, as they are done; in this process with the steps of each shown."""
+    if workers.count == 1 and workers.dask is None:
+        for item in items:
+            bar.set_postfix_str(item.name)
+            yield item, *conduct(item, tiny)
+            bar.update()
+        return
+    by_name = {item.name: item for item in items}
+    with runner(workers) as run:
+        for (name, _), (document, page) in run(_conduct_one, [(name, tiny) for name in by_name]):
+            yield by_name[name], document, page
+            bar.update()
+
+
+def _conduct_one(job: tuple[str, bool]) -> tuple[dict[str, Any], str | None]:
+    """An experiment by its name, in another process."""
+    name, tiny = job
+    return conduct(next(item for item in experiments() if item.name == name), tiny, shown=False)
+
+
+def conduct(item: Experiment, tiny: bool, shown: bool = True) -> tuple[dict[str, Any], str | None]:
+    """Run one; a missing capability and a failure are results too. Its document, and its view in space as HTML.
+
+    shown : its steps, as a bar
+    """
     page = None
     document: dict[str, Any] = {
         'name': item.name,
@@ -125,7 +155,7 @@ def conduct(item: Experiment, tiny: bool) -> tuple[dict[str, Any], str | None]:
         'why': '',
     }
     started = time.perf_counter()
-    with tqdm(desc=f'  {item.name:<18}', unit='step', leave=False, file=sys.stdout) as bar:
+    with tqdm(desc=f'  {item.name:<18}', unit='step', leave=False, file=sys.stdout, disable=not shown) as bar:
 
         def advance(what: str) -> None:
             bar.set_postfix_str(what)

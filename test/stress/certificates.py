@@ -22,6 +22,7 @@ from model_matcher.closed_form.synthetic.scenes import MODELS
 from model_matcher.closed_form.synthetic.strained import StrainedScene, strained_scene
 from model_matcher.proof.certificate import prove
 from msgs_py import BIN
+from msgs_py.numeric.deadline import Deadline
 
 # The lattice has so many edges that a case takes minutes.
 NAMES = tuple(name for name in MODELS if name != 'lattice')
@@ -29,7 +30,7 @@ NAMES = tuple(name for name in MODELS if name != 'lattice')
 
 def asked(scene: StrainedScene, seconds: float) -> str:
     """What prove says of one feature less than are explained."""
-    proof = prove(scene.index, scene.data, scene.explained - 1, scene.params, seconds)
+    proof = prove(scene.index, scene.data, scene.explained - 1, scene.params, Deadline(seconds))
     if proof.assignment is not None and (proof.assignment != BIN).sum() >= scene.explained:
         return 'found'
     return 'false' if proof.proven else 'open'

@@ -32,6 +32,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 import damage
 from fuzz import cloud_source, stereo_source
 from harness import Failed, Harness
+from services import own_parameters
 
 from csg_renderer.node import RendererNode
 from dap_emulator.node import EmulatorNode
@@ -79,14 +80,9 @@ class Attack:
         self.slowest = 0.0
         if harness.spin(lambda: self.setter.service_is_ready() and self.reset.service_is_ready(), 20.0) is None:
             raise Failed('no services')
+        fixed = {spec.name for spec in type(self.node.config).parameters() if spec.read_only}
         self.initial = [
-            Parameter(
-                spec,
-                *((Parameter.Type.STRING_ARRAY,) if isinstance(value, tuple) else ()),
-                value=list(value) if isinstance(value, tuple) else value,
-            ).to_parameter_msg()
-            for spec, value in self.node.config.as_parameters().items()
-            if not next(one for one in type(self.node.config).parameters() if one.name == spec).read_only
+            one.to_parameter_msg() for name, one in own_parameters(self.node.config).items() if name not in fixed
         ]
 
     def run(self, calls: int, rng: np.random.Generator) -> str:

@@ -17,15 +17,36 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 import csg_renderer
+from msgs_py.node_runtime.config import Config
 
 RENDER_SIZES = (0, 1, 2, 7, 33, 96, 16384, -1, 2**40)
+
+
+# An empty list does not say what it is a list of.
+ARRAYS = {
+    str: Parameter.Type.STRING_ARRAY,
+    int: Parameter.Type.INTEGER_ARRAY,
+    float: Parameter.Type.DOUBLE_ARRAY,
+    bool: Parameter.Type.BOOL_ARRAY,
+}
+
+
+def own_parameters(config: Config) -> dict[str, Parameter]:
+    """All parameters of a node with the values they have."""
+    values = config.as_parameters()
+    return {
+        spec.name: Parameter(spec.name, ARRAYS[spec.element], list(values[spec.name]))
+        if spec.kind is tuple
+        else Parameter(spec.name, value=values[spec.name])
+        for spec in type(config).parameters()
+    }
 
 
 def fuzz_parameters(harness: Harness, rng: np.random.Generator, count: int) -> Counter[str]:
     """Values of every type for every parameter: applied, or refused with a reason that names it."""
     node, outcomes = harness.node, Counter()
     names = [spec.name for spec in type(node.config).parameters()]
-    initial = node.config.as_parameters()
+    initial = own_parameters(node.config)
     for _ in range(count):
         name = damage.one_of(rng, [*names, 'use_sim_time', 'no_such_parameter'])
         value = damage.parameter_value(rng)
@@ -41,11 +62,9 @@ def fuzz_parameters(harness: Harness, rng: np.random.Generator, count: int) -> C
             raise Failed(f'parameter {name} := {value!r} refused without a reason')
         outcomes['applied' if result.successful else 'refused with a reason'] += 1
         if result.successful and name in initial:
-            back = list(initial[name]) if isinstance(initial[name], tuple) else initial[name]
-            kind = (Parameter.Type.STRING_ARRAY,) if isinstance(initial[name], tuple) else ()
-            restored = node.set_parameters_atomically([Parameter(name, *kind, value=back)])
+            restored = node.set_parameters_atomically([initial[name]])
             if not restored.successful:
-                raise Failed(f'parameter {name}: {back!r} no longer accepted: {restored.reason}')
+                raise Failed(f'parameter {name}: {initial[name].value!r} no longer accepted: {restored.reason}')
         elif result.successful and name == 'use_sim_time':
             node.set_parameters_atomically([Parameter(name, value=False)])
     return outcomes
@@ -135,14 +154,7 @@ def fuzz_parameter_services(harness: Harness, rng: np.random.Generator, count: i
         raise Failed('no parameter services')
     known = [spec.name for spec in type(harness.node.config).parameters()]
     names = [*known, '', '.', 'no_such_parameter', 'x' * 3000, '/', '*', 'qos_overrides']
-    initial = [
-        Parameter(
-            spec,
-            *((Parameter.Type.STRING_ARRAY,) if isinstance(value, tuple) else ()),
-            value=list(value) if isinstance(value, tuple) else value,
-        )
-        for spec, value in harness.node.config.as_parameters().items()
-    ]
+    initial = list(own_parameters(harness.node.config).values())
     for _ in range(count):
         service = damage.one_of(rng, list(kinds))
         wanted = [damage.one_of(rng, names) for _ in range(int(rng.integers(0, 5)))]

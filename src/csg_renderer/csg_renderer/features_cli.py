@@ -17,10 +17,11 @@ from .brep.model_features import boundary
 from .brep.settings import WHOLE_TURN
 from .features.drawing import Drawing, draw_mesh, draw_solid, save_drawing, view_from
 from .features.export import as_json, save_dxf, save_json
-from .features.mesh_features import MESH_SUFFIXES, mesh_features, read_mesh
+from .features.mesh_features import mesh_features
 from .features.settings import CREASE_ANGLE
 from .features.terrain_edges import facet_edges
 from .language import load_models, load_scene
+from .mesh.files import MESH_SUFFIXES, read_mesh
 from .scene.solid import Solid
 from .scene.terrain import Terrain
 

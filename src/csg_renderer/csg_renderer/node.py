@@ -1,4 +1,4 @@
-"""renderer_node: a scene file seen by a stereo camera, as the topics of a rectified pair with its ground truth."""
+"""renderer_node: a scene file seen by a stereo camera, as the topics of a pair with its ground truth."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from geometry_msgs.msg import PoseStamped
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.timer import Timer
@@ -17,10 +16,8 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from msgs_py import FeatureSet, Pose, StereoRig
 from msgs_py.codecs import array_to_image, camera_infos_from_rig, features_to_cloud, pose_to_stamped
 from msgs_py.node_runtime.background import Background
-from msgs_py.node_runtime.config import Config, parameter
 from msgs_py.node_runtime.confinement import TrustedFolders
 from msgs_py.node_runtime.runtime import GraphNode, run_node
 from msgs_py.node_runtime.until import Until
@@ -28,15 +25,11 @@ from msgs_py.numeric.steps import CompileStep
 
 from .language import SceneError, SceneFile, read_scene
 from .language.includes import models_folder
-from .raycast.engines import ENGINES
-from .raycast.frame import Frame
-from .raycast.render import render_stereo, scene_rig, viewing_hints
-from .raycast.sensor import SensorModel, grey
+from .params import RendererConfig
+from .raycast.render import scene_rig, viewing_hints
 from .raycast.stop import RenderStopped, Stop
-from .scene.scene import Scene
-from .scene.terrain import Terrain
+from .stereo_pictures import Rendered, Wanted, frames_of, rendered
 from .visibility.hidden_lines import compile_steps as hidden_line_steps
-from .visibility.hidden_lines import visible_features
 
 # Pixels of the largest image: about a gigabyte for each frame. Anybody on the network can set the size.
 MAX_PIXELS = 2**25
@@ -44,65 +37,6 @@ MAX_PIXELS = 2**25
 CHANGED_GRACE_S = 0.25
 # Seconds between two looks at whether a rendering is late.
 LOOK_S = 0.05
-
-
-@dataclass(frozen=True)
-class RendererConfig(Config):
-    """Parameters of renderer_node. 0 stands for "as the scene says" in sizes and baseline."""
-
-    scene: str = parameter('l_shape_v1', 'Scene file, or the name of a scene of this package')
-    rate: float = parameter(
-        1.0, 'Stereo pairs a second; 0 renders only when ~/render is called', unit='Hz', minimum=0.0, maximum=1000.0
-    )
-    width: int = parameter(0, 'Image width; 0: as the scene says, else 512', unit='px', minimum=0, maximum=16384)
-    height: int = parameter(
-        0, "Image height; 0: in the proportion of the scene's camera", unit='px', minimum=0, maximum=16384
-    )
-    focal: float = parameter(
-        0.0, 'Focal length; 0: as the scene says, else 703 px at 512 px width', unit='px', minimum=0.0, maximum=1e6
-    )
-    baseline: float = parameter(
-        0.0,
-        'Distance of the two cameras; 0: as the scene says, else its distance / 5',
-        unit='m',
-        minimum=0.0,
-        maximum=1e3,
-    )
-    encoding: str = parameter('mono8', 'Encoding of the images', choices=('mono8', 'rgb8'))
-    psf: float = parameter(0.0, 'Standard deviation of the lens blur', unit='px', minimum=0.0, maximum=20.0)
-    noise: float = parameter(
-        0.0, 'Standard deviation of the sensor noise', unit='grey levels', minimum=0.0, maximum=100.0
-    )
-    seed: int = parameter(0, 'Seed of the noise', minimum=0, maximum=2**31 - 1)
-    antialias: int = parameter(
-        4, '0: one ray a pixel; 1: 3 x 3 rays where faces meet; n: n x n rays', minimum=0, maximum=16
-    )
-    levels: int = parameter(1, 'Surfaces a ray may meet one after another; 1 is ray casting', minimum=1, maximum=64)
-    shadows: bool = parameter(False, 'Cast shadows')
-    tiling: bool = parameter(True, 'Split the image into tiles that know their primitives')
-    engine: str = parameter('native', 'Which engine renders', choices=tuple(ENGINES))
-    turntable: float = parameter(
-        0.0,
-        'Turn of the scene about the vertical through its first object, each frame',
-        unit='deg',
-        minimum=-180.0,
-        maximum=180.0,
-    )
-    frame_id: str = parameter('camera_left_optical_frame', 'Frame of all messages')
-    scene_folders: tuple[str, ...] = parameter(
-        (),
-        'Folders that scenes may be read from when the scene is changed at run time, besides that of the scene '
-        'given at the start and that of this package',
-        read_only=True,
-    )
-    time_limit: float = parameter(
-        60.0,
-        'Longest time for one pair; a rendering that takes longer is stopped',
-        unit='s',
-        minimum=0.001,
-        maximum=3600.0,
-    )
-    watch: bool = parameter(True, 'Read the scene again when one of its files changes')
 
 
 @dataclass(eq=False)
@@ -137,20 +71,8 @@ class Picture:
     published: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class Rendered:
-    """What a rendering gives: rig, images as published, depth, and pose and features of the truth where wanted."""
-
-    rig: StereoRig
-    images: list[np.ndarray]
-    depth: np.ndarray
-    pose: Pose | None
-    features: FeatureSet | None
-    problems: tuple[str, ...]
-
-
 class RendererNode(GraphNode[RendererConfig]):
-    """Publishes left/ and right/ image_rect and camera_info, and on demand depth and ground truth."""
+    """Publishes left/ and right/ image_rect and camera_info, and on demand image_raw, depth and ground truth."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('renderer_node', RendererConfig, **kwargs)
@@ -172,6 +94,7 @@ class RendererNode(GraphNode[RendererConfig]):
     def configure(self) -> None:
         """Make the outputs, read the scene, and compile."""
         self._images = [self.create_output(Image, f'{side}/image_rect') for side in ('left', 'right')]
+        self._raw = [self.create_output(Image, f'{side}/image_raw') for side in ('left', 'right')]
         self._infos = [self.create_output(CameraInfo, f'{side}/camera_info') for side in ('left', 'right')]
         self._depth = self.create_output(Image, 'left/depth')
         self._pose = self.create_output(PoseStamped, 'ground_truth/pose')
@@ -241,7 +164,7 @@ class RendererNode(GraphNode[RendererConfig]):
 
     @property
     def _outputs(self) -> list[Any]:
-        return [*self._images, *self._infos, self._depth, self._pose, self._features]
+        return [*self._images, *self._raw, *self._infos, self._depth, self._pose, self._features]
 
     def _load(self, name: str) -> None:
         """Read the scene; when that fails say so and keep the last good one."""
@@ -264,8 +187,13 @@ class RendererNode(GraphNode[RendererConfig]):
             return hidden_line_steps()
         scene = self._file.scene
         small = scene_rig(scene, 32, 32, baseline=self.config.baseline)
-        casting = CompileStep('ray casting', lambda: frames_of(scene, small, scene.camera_T_scene, self.config))
-        return (casting, *hidden_line_steps())
+        config = self.config
+        casting = CompileStep('ray casting', lambda: frames_of(scene, small, scene.camera_T_scene, config))
+        lenses = config.lenses()
+        if lenses is None:
+            return (casting, *hidden_line_steps())
+        raw = CompileStep('raw pictures', lambda: frames_of(scene, small, scene.camera_T_scene, config, lenses=lenses))
+        return (casting, raw, *hidden_line_steps())
 
     def _start_timer(self) -> None:
         if self._timer is not None:
@@ -314,9 +242,17 @@ class RendererNode(GraphNode[RendererConfig]):
         now = time.monotonic()
         late = f'it took longer than the time_limit of {config.time_limit:g} s'
         picture = Picture(config, header, self._pair_index, Stop(), now, now + config.time_limit, late)
-        truth = self.wanted(self._pose), self.wanted(self._features)
+        raw = any(self.wanted(output) for output in self._raw)
+        wanted = Wanted(
+            not raw or any(self.wanted(output) for output in (*self._images, self._depth)),
+            raw,
+            self.wanted(self._pose),
+            self.wanted(self._features),
+        )
         self._picture = picture
-        picture.job = Background(lambda: rendered(scene, rig, picture, *truth), self._wake_renderer)
+        picture.job = Background(
+            lambda: rendered(scene, rig, config, picture.number, wanted, picture.stop), self._wake_renderer
+        )
 
     def _wake_renderer(self) -> None:
         """Called by the thread that renders; the node may be gone by then."""
@@ -347,11 +283,12 @@ class RendererNode(GraphNode[RendererConfig]):
         config, header = picture.config, picture.header
         for problem in done.problems:
             self.problem(problem)
-        for output, info in zip(self._infos, camera_infos_from_rig(done.rig, header)):
+        for output, info in zip(self._infos, camera_infos_from_rig(done.rig, header, config.lenses() or (None, None))):
             output.publish(info)
-        for output, image in zip(self._images, done.images):
-            output.publish(array_to_image(image, config.encoding, header))
-        if self.wanted(self._depth):
+        for outputs, images in ((self._images, done.rectified), (self._raw, done.raw)):
+            for output, image in zip(outputs, images):
+                output.publish(array_to_image(image, config.encoding, header))
+        if done.depth is not None and self.wanted(self._depth):
             self._depth.publish(array_to_image(done.depth, '32FC1', header))
         if done.pose is not None:
             self._pose.publish(pose_to_stamped(done.pose, header))
@@ -369,111 +306,6 @@ class RendererNode(GraphNode[RendererConfig]):
             if picture.job is not None:
                 picture.job.wait(2.0)
         super().destroy_node()
-
-
-def rendered(scene: Scene, rig: StereoRig, picture: Picture, with_pose: bool, with_features: bool) -> Rendered:
-    """Render a pair, with the truth of its first object but terrains.
-
-    Parameters
-    ----------
-    scene : Scene
-    rig : StereoRig
-    picture : Picture
-        Whose options count; its ``stop`` ends it.
-    with_pose, with_features : bool
-        What of the truth is wanted.
-
-    Returns
-    -------
-    Rendered
-
-    Raises
-    ------
-    RenderStopped
-    """
-    config, stop = picture.config, picture.stop
-    camera_T_scene = turned(scene, config.turntable * picture.number)
-    frames = frames_of(scene, rig, camera_T_scene, config, stop)
-    stop.check()
-    images = sensor_images(frames, config, picture.number)
-    stop.check()
-    models = [placement for placement in scene.placements if not isinstance(placement.model, Terrain)]
-    pose, features, problems = None, None, []
-    if models and (with_pose or with_features):
-        name = models[0].name
-        try:
-            pose = camera_T_scene.compose(models[0].pose)
-        except ValueError as error:
-            problems.append(f'ground_truth: object {name} has no pose: {error}')
-    if pose is not None and with_features:
-        try:
-            features = visible_features(models[0].model, pose, rig.left)
-        except ValueError as error:
-            problems.append(f'ground_truth/features: object {name} has none: {error}')
-    return Rendered(rig, images, frames[0].depth, pose if with_pose else None, features, tuple(problems))
-
-
-def frames_of(
-    scene: Scene, rig: StereoRig, camera_T_scene: Pose, config: RendererConfig, stop: Stop | None = None
-) -> tuple[Frame, Frame]:
-    """Both pictures, as the parameters of the node say."""
-    return render_stereo(
-        scene,
-        rig,
-        camera_T_scene,
-        engine=config.engine,
-        stop=stop,
-        tiling=config.tiling,
-        levels=config.levels,
-        antialias=config.antialias,
-        shadows=config.shadows,
-    )
-
-
-def sensor_images(frames: tuple[Frame, Frame], config: RendererConfig, pair_index: int = 0) -> list[np.ndarray]:
-    """Left and right image as the node publishes them: blurred, and with noise that differs from pair to pair and side.
-
-    Parameters
-    ----------
-    frames : tuple of two Frames
-        Left and right.
-    config : RendererConfig
-        Says encoding, blur, noise and seed.
-    pair_index : int
-        Number of the pair.
-
-    Returns
-    -------
-    list of two uint8 arrays
-        (h, w) for mono8, (h, w, 3) for rgb8.
-    """
-    return [
-        SensorModel(config.psf, config.noise, (config.seed, pair_index, side)).apply(
-            grey(frame.image) if config.encoding == 'mono8' else frame.image
-        )
-        for side, frame in enumerate(frames)
-    ]
-
-
-def turned(scene: Scene, degrees: float) -> Pose:
-    """The pose of a scene on the turntable.
-
-    Parameters
-    ----------
-    scene : Scene
-    degrees : float
-        About the camera's y axis through the origin of the first object.
-
-    Returns
-    -------
-    Pose
-        camera_T_scene.
-    """
-    if degrees == 0.0 or not scene.placements:
-        return scene.camera_T_scene
-    centre = scene.camera_T_scene.apply(scene.placements[0].matrix[:3, 3])
-    turn = Pose.from_rotation_vector([0.0, np.radians(degrees), 0.0])
-    return Pose(turn.rotation, centre - turn.rotation @ centre).compose(scene.camera_T_scene)
 
 
 def _read(name: str) -> SceneFile:

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from msgs_py import Pose
+from msgs_py import LensDistortion, Pose
 from msgs_py.commands import DONE, INTERRUPTED, add_json, run_command
 
 from .language import SceneError, SceneFile, find_scene, format_scene, read_scene, scene_names
 from .raycast.engines import ENGINES
+from .raycast.exposure import moved_by
 from .raycast.frame import Frame
 from .raycast.outputs import (
     camera_record,
@@ -30,6 +31,7 @@ from .raycast.outputs import (
 )
 from .raycast.render import render, scene_rig, viewing_hints
 from .raycast.sensor import SensorModel
+from .raycast.settings import BAYER_CHANNELS, DEFAULT_PINHOLES, DEFAULT_SAMPLES
 from .scene.mesh_export import ExportError, export_mesh
 from .scene.scene import Scene
 from .scene.solid import Primitive
@@ -94,15 +96,21 @@ def render_files(scene: Scene, options: argparse.Namespace) -> list[Path]:
     """Render every view and write its files; returns them."""
     output = options.output or Path(Path(options.scene).stem + '.png')
     width, height = options.size or (0, 0)
-    sensor = SensorModel(options.psf, options.noise, options.seed)
+    sensor = _sensor(options)
     settings = {
         'engine': options.engine,
         'tiling': not options.no_tiling,
         'levels': options.levels,
         'antialias': options.antialias,
         'shadows': options.shadows,
+        'samples': options.samples,
         'early_outs': options.early_outs,
         'left_heavy': options.left_heavy,
+        'radiance': sensor.fine,
+        'lens': options.distortion,
+        'aperture': options.aperture / 1000.0,
+        'focus': options.focus / 1000.0,
+        'pinholes': options.pinholes,
     }
     # A single picture needs no baseline, and a scene with nothing in front of the camera suggests none.
     baseline = options.baseline / 1000.0 if options.baseline else 0.0 if options.stereo else 1.0
@@ -117,8 +125,9 @@ def render_files(scene: Scene, options: argparse.Namespace) -> list[Path]:
         render(scene, scene_rig(scene, 16, 16, baseline=1.0).left, **settings)
     written: list[Path] = []
     for path, pose, right in tqdm(jobs, desc='rendering', unit='picture', disable=options.quiet or None, leave=False):
-        frame = render(scene, rig.right if right else rig.left, pose, **settings)
-        frame.image = sensor.apply(frame.image)
+        motion = moved_while_exposed(pose, rig.right_T_left if right else np.zeros(3), options.motion)
+        frame = render(scene, rig.right if right else rig.left, pose, motion=motion, **settings)
+        frame.image = sensor.picture(frame)
         written += write_frame(path, frame, options, rig.baseline if options.stereo else None)
         stats = frame.stats
         _say(
@@ -127,6 +136,18 @@ def render_files(scene: Scene, options: argparse.Namespace) -> list[Path]:
             + (f', {stats.dap_cycles} machine cycles, {stats.dap_planes} bit-planes' if stats.dap_cycles else ''),
         )
     return written
+
+
+def moved_while_exposed(pose: Pose, aside: np.ndarray, motion: Sequence[float] | None) -> list[Pose]:
+    """The path of a camera before which the scene moves as the left camera sees it, mm and degrees; none for None.
+
+    aside : (3,) metres, this camera's frame from the left one's
+    """
+    if motion is None:
+        return []
+    left = Pose(pose.rotation, pose.translation - aside, pose.scale)
+    path = moved_by(left, np.array(motion[:3]) / 1000.0, motion[3:])
+    return [Pose(place.rotation, place.translation + aside, place.scale) for place in path]
 
 
 def write_frame(path: Path, frame: Frame, options: argparse.Namespace, baseline: float | None = None) -> list[Path]:
@@ -237,6 +258,30 @@ def _say(options: argparse.Namespace, text: str) -> None:
         tqdm.write(text)
 
 
+def _sensor(options: argparse.Namespace) -> SensorModel:
+    """The lens and the chip that are asked for. Raises ValueError that names the option."""
+    try:
+        return SensorModel(
+            options.psf,
+            options.noise,
+            options.seed,
+            options.vignetting,
+            options.exposure,
+            options.full_well,
+            options.read_noise,
+            options.gain,
+            options.black_level,
+            options.gamma,
+            options.srgb,
+            options.bits,
+            options.bayer,
+        )
+    except ValueError as error:
+        name, _, rest = str(error).partition(':')
+        option = {'psf_sigma': 'psf', 'noise_sigma': 'noise'}.get(name, name).replace('_', '-')
+        raise ValueError(f'--{option}:{rest}') from None
+
+
 def _size(text: str) -> tuple[int, int]:
     width, cross, height = text.lower().partition('x')
     try:
@@ -246,6 +291,14 @@ def _size(text: str) -> tuple[int, int]:
     if not (1 <= size[0] <= 16384 and 1 <= size[1] <= 16384):
         raise argparse.ArgumentTypeError(f'expected 1..16384 pixels a side, got {text!r}')
     return size
+
+
+def _distortion(text: str) -> LensDistortion:
+    model, _, numbers = text.partition(':')
+    try:
+        return LensDistortion(model, tuple(float(number) for number in numbers.split(',')))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f'expected MODEL:K1,K2,..., got {text!r} ({error})') from None
 
 
 def _antialias(text: str) -> bool | int:
@@ -305,14 +358,66 @@ def render_parser() -> argparse.ArgumentParser:
         metavar='N',
         help='9 samples where faces meet, or N x N samples in every pixel',
     )
+    how.add_argument(
+        '--samples',
+        type=int,
+        default=DEFAULT_SAMPLES,
+        metavar='N',
+        help='directions of light a visible place samples: lights with a RADIUS, ENVIRONMENT, METAL '
+        f'({DEFAULT_SAMPLES})',
+    )
+    how.add_argument(
+        '--pinholes',
+        type=int,
+        default=DEFAULT_PINHOLES,
+        metavar='N',
+        help=f'pictures averaged for --aperture and --motion, in place of --antialias ({DEFAULT_PINHOLES})',
+    )
     how.add_argument('--no-tiling', action='store_true', help='test every primitive on every ray, to compare')
     how.add_argument('--early-outs', action='store_true', help='--engine dap: leave out what no ray of a tile can show')
     how.add_argument(
         '--left-heavy', action='store_true', help='--engine dap: evaluate trees in the order that needs least store'
     )
-    how.add_argument('--psf', type=float, default=0.0, metavar='PX', help='blur of the lens, standard deviation')
-    how.add_argument('--noise', type=float, default=0.0, metavar='GREY', help='noise, standard deviation of 255')
-    how.add_argument('--seed', type=int, default=0, help='of the noise (0)')
+    chip = parser.add_argument_group('lens and chip', 'Grey levels are of 255, whatever the bits.')
+    chip.add_argument(
+        '--distortion',
+        type=_distortion,
+        metavar='MODEL:K1,...',
+        help='raw pictures of a lens, with its coefficients as camera_info has them: plumb_bob:-0.2,0.05,0,0,0, '
+        'rational_polynomial:... (8) or equidistant:... (4)',
+    )
+    chip.add_argument('--aperture', type=float, default=0.0, metavar='MM', help='diameter of the lens; needs --focus')
+    chip.add_argument('--focus', type=float, default=0.0, metavar='MM', help='depth that is sharp')
+    chip.add_argument(
+        '--motion',
+        type=float,
+        nargs=6,
+        metavar=('X', 'Y', 'Z', 'RX', 'RY', 'RZ'),
+        help='how the scene moves while it is exposed, as the left camera sees it: mm, and a rotation vector, degrees',
+    )
+    chip.add_argument('--psf', type=float, default=0.0, metavar='PX', help='blur of the lens, standard deviation')
+    chip.add_argument(
+        '--vignetting', type=float, default=0.0, metavar='SHARE', help='light lost in the corners, 0..0.99'
+    )
+    chip.add_argument(
+        '--exposure', type=float, default=1.0, metavar='FACTOR', help='what the light is multiplied by (1)'
+    )
+    chip.add_argument(
+        '--full-well', type=float, default=0.0, metavar='E', help='electrons that make white, for shot noise; 0: none'
+    )
+    chip.add_argument(
+        '--read-noise', type=float, default=0.0, metavar='E', help='standard deviation, electrons; needs --full-well'
+    )
+    chip.add_argument('--gain', type=float, default=1.0, metavar='FACTOR', help='amplification of the electrons (1)')
+    chip.add_argument('--noise', type=float, default=0.0, metavar='GREY', help='noise after it, standard deviation')
+    chip.add_argument('--black-level', type=float, default=0.0, metavar='GREY', help='what is added to every pixel')
+    chip.add_argument('--gamma', type=float, default=1.0, metavar='G', help='light to the power of 1 / G (1: linear)')
+    chip.add_argument('--srgb', action='store_true', help='the curve of sRGB')
+    chip.add_argument('--bits', type=int, default=8, help='of a number, 8..16; more than 8 are written as 16 (8)')
+    chip.add_argument(
+        '--bayer', choices=sorted(BAYER_CHANNELS), default='', help='the mosaic of a colour chip, as grey'
+    )
+    chip.add_argument('--seed', type=int, default=0, help='of the noise (0)')
     parser.add_argument(
         '--print',
         action='store_true',

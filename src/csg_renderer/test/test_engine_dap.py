@@ -61,7 +61,7 @@ def test_same_image_ids_depth_and_normals_as_native(name):
         {'tiling': False},
         {'tile_size': 8},
         {'antialias': True},
-        {'antialias': 2},
+        {'antialias': 2, 'every_pixel': True},
         {'shadows': True},
         {'levels': 3, 'shadows': True},
     ],

@@ -35,6 +35,13 @@ TOKENS = [
     'AMBIENT',
     'REFLECT',
     'TRANSPARENT',
+    'METAL',
+    'TEXTURE',
+    'BOX',
+    'PLANAR',
+    'CYLINDRICAL',
+    'RADIUS',
+    'ENVIRONMENT',
     'PAINT',
     'FACES',
     'DRAW',
@@ -47,6 +54,7 @@ TOKENS = [
     'UNITS',
     'INCLUDE',
     '"l_shape.csg"',
+    '"carton.png"',
     '(',
     ')',
     ',',
@@ -112,6 +120,9 @@ def test_damaged_files_render_or_say_where_they_are_wrong():
     # Tiny pictures: the question is whether every scene that reads also renders.
     camera = PinholeCamera.centred(24, 24, 33.0)
     render(load_scene('table'), camera, shadows=True, levels=3)
+    sheet = 'DRAW TERRAIN ("hills.png", 9, 9, 3)'
+    for text in (sheet, scene_path('carton').read_text(), f'{sheet} TEXTURE "carton.png" BOX (9, 9);'):
+        render(parse_scene(text), camera)
     read = 0
     for number in range(FILES):
         text = damaged(chance.choice(originals), chance, originals)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
@@ -119,15 +119,17 @@ def test_every_visible_crease_is_in_the_image_and_the_other_way_round(kinds):
 
 @settings(max_examples=12, deadline=None)
 @given(st.integers(0, 10_000))
+@example(115)  # a plane cuts its cone in a hyperbola that comes from far away
+@example(1071)
 def test_counts_do_not_depend_on_where_a_solid_stands(seed):
     rng = np.random.default_rng(seed)
     solid = random_solid(rng, KINDS, 4)
     moved = solid.transformed(Pose(Rotation.from_rotvec(rng.normal(size=3)).as_matrix(), rng.normal(size=3) * 3, 0.01))
     one, two = model_features(solid), model_features(moved)
     assert [(one.kind == k).sum() for k in FeatureKind] == [(two.kind == k).sum() for k in FeatureKind]
-    # Volumes of curved solids are quadratures, and where a face is cut into cells depends on where it stands.
+    # Volumes of curved solids are quadratures, and where a border is cut into ranges depends on where it stands.
     np.testing.assert_allclose(
-        boundary(moved).details.volume, 1e-6 * boundary(solid).details.volume, rtol=1e-4, atol=1e-15
+        boundary(moved).details.volume, 1e-6 * boundary(solid).details.volume, rtol=1e-5, atol=1e-15
     )
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from csg_renderer import Light, Scene, Solid, Surface, default_camera, render
-from csg_renderer.raycast.products import products_of
-from csg_renderer.raycast.program import postfix
+from csg_renderer.raycast.programs.products import products_of
+from csg_renderer.raycast.programs.program import postfix
 from csg_renderer.scene.solid import FACES, Operation, Primitive
 from msgs_py import PinholeCamera, Pose
 

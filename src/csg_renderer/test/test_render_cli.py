@@ -129,6 +129,7 @@ def test_warnings_do_not_stop_it(scene_file, tmp_path, capsys):
         ('DRAW BLOCK (9, 9, 9);', ['within or beside', 'no LIGHT']),
         ('DRAW BLOCK (9, 9, 9) AT (0, 0, -50);', ['behind', 'no LIGHT']),
         ('LIGHT (0, -90, 0); DRAW BLOCK (9, 9, 9) AT (0, 0, 50);', []),
+        ('ENVIRONMENT "studio.png"; DRAW BLOCK (9, 9, 9) AT (0, 0, 50);', []),
     ],
 )
 def test_what_makes_a_poor_picture_is_hinted_at(scene_file, tmp_path, capsys, text, expected):

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from csg_renderer import Light, Scene, Solid, render
 from csg_renderer.raycast.engines import ENGINES
-from csg_renderer.raycast.program import DIFFERENCE, INTERSECT, REVERSED_DIFFERENCE, UNION, postfix
-from csg_renderer.raycast.tree_order import early_outs, left_heavy, stack_depth
+from csg_renderer.raycast.programs.program import DIFFERENCE, INTERSECT, REVERSED_DIFFERENCE, UNION, postfix
+from csg_renderer.raycast.programs.tree_order import early_outs, left_heavy, stack_depth
 from csg_renderer.render_cli import main
 from msgs_py import PinholeCamera, Pose
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import threading
-import time
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any, NamedTuple, TypeVar
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any, TypeVar
 
 from rcl_interfaces.msg import ParameterValue, SetParametersResult
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
@@ -16,9 +16,11 @@ from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 
 from msgs_py.codecs import array_to_image, gray_from_image
+from msgs_py.node_runtime.beside import ENDING_S, LOOK_S, Beside
 from msgs_py.node_runtime.confinement import TrustedFolders
 from msgs_py.node_runtime.runtime import GraphNode, run_node
 from msgs_py.node_runtime.until import Until
+from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.typed import ByteArray
 
 from .fortran_plus import Stopped
@@ -31,15 +33,7 @@ from .service.settings import MAX_CALLS
 from .service.workspaces import Refused, ServiceLimits, Workspaces
 
 _T = TypeVar('_T')
-
-
-class _ImageRun(NamedTuple):
-    """An image that is being filtered."""
-
-    future: Future[ByteArray]
-    message: Image
-    program: str
-    started: float
+NO_PROGRAM = 'no program: set the parameter image_program'
 
 
 class EmulatorNode(GraphNode[EmulatorConfig]):
@@ -53,14 +47,12 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
         self._trusted = TrustedFolders(self.config.program_folders, started_with, 'program_folders')
         # Threads that wait for the processes in which programs run and are compiled, so that meanwhile a store can
         # cancel a run, and a fetch can watch it.
-        self._runner, self._compiler, self._image_runner = (
-            ThreadPoolExecutor(max_workers=1, thread_name_prefix=f'dap {what}') for what in ('run', 'compile', 'image')
+        self._runner, self._compiler = (
+            ThreadPoolExecutor(max_workers=1, thread_name_prefix=f'dap {what}') for what in ('run', 'compile')
         )
         self._calls = 0
-        self._image_run: _ImageRun | None = None
-        self._newest_image: Image | None = None
+        self._filter = Beside(self, 'image_in', self._begin_image, self._publish_image)
         self._no_more_images = threading.Event()
-        self._something_done = self.create_guard_condition(self._on_image_done)
         PROCESSES.prepare()
         self.create_service(SetParametersAtomically, '~/store', self._on_store, callback_group=ReentrantCallbackGroup())
         self.create_service(GetParameters, '~/fetch', self._on_fetch)
@@ -81,11 +73,12 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
     def activate(self) -> None:
         """Subscribe to the images; programs may be stored and run."""
         self.listen(Image, 'image_in', self._on_image)
+        self.every(LOOK_S, self._filter.look, clock=self._steady_clock)
 
     def deactivate(self) -> None:
         """Stop what runs, and forget all workspaces."""
         self.spaces.clear()
-        self._newest_image = None
+        self._filter.drop()
 
     def cleanup(self) -> None:
         """Forget the image program."""
@@ -156,10 +149,8 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
 
     async def _on_run(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Execute what waits, oldest first; done when everything that waited on arrival is done."""
-        if not self.active:
-            response.success, response.message = False, f'emulator_node is {self.lifecycle}'
-            return response
         try:
+            self._refuse_unless_active()
             waiting = await self._done(self._runner, self.spaces.execute_waiting)
         except Refused as error:
             response.success, response.message = False, str(error)
@@ -184,48 +175,26 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
 
     def _on_image(self, message: Image) -> None:
         if self.images is None:
-            raise ValueError('no program: set the parameter image_program')
+            raise ValueError(NO_PROGRAM)
         if not self.wanted(self.image_out):
             return
-        # One image is filtered at a time, and of those that come meanwhile the newest is kept.
-        self.health.passed_over += self._newest_image is not None
-        self._newest_image = message
-        self._filter_newest()
+        self._filter.take(message)
 
     @property
     def filtering(self) -> bool:
         """Whether the program has an image in hand."""
-        return self._image_run is not None
+        return self._filter.busy
 
-    def _filter_newest(self) -> None:
-        """Hand the newest image to the program, when it has none."""
-        if self._image_run is not None or self._newest_image is None or self.images is None:
-            return
-        message, self._newest_image = self._newest_image, None
-        future = self._image_runner.submit(
-            self.images.run, gray_from_image(message), self.config.max_run_seconds, self._no_more_images
-        )
-        self._image_run = _ImageRun(future, message, self.config.image_program, time.monotonic())
-        future.add_done_callback(lambda _: self._something_done.trigger())
+    def _begin_image(self, message: Image, deadline: Deadline) -> Callable[[], ByteArray]:
+        """An image through the program of now, which its own limit ends."""
+        if self.images is None:
+            raise ValueError(NO_PROGRAM)
+        run = partial(self.images.run, gray_from_image(message), self.config.max_run_seconds, self._no_more_images)
+        return partial(_named, self.config.image_program, run)
 
-    def _on_image_done(self) -> None:
-        """Publish what the program made of an image, when it is done with one."""
-        run = self._image_run
-        if run is None or not run.future.done():
-            return
-        self._image_run = None
-        if self.active:
-            self._guard('image_in', self._publish_image)(run)
-            self._guard('image_in', self._filter_newest)()
-
-    def _publish_image(self, run: _ImageRun) -> None:
-        self._callback_start = run.started
-        try:
-            result = run.future.result()
-        except (ProgramFailed, Stopped) as error:
-            raise ValueError(f'{run.program}: {error}') from None
-        self.image_out.publish(array_to_image(result, 'mono8', run.message.header))
-        self.done(run.message.header)
+    def _publish_image(self, message: Image, result: ByteArray) -> None:
+        self.image_out.publish(array_to_image(result, 'mono8', message.header))
+        self.done(message.header)
 
     def why_silent(self) -> str | None:
         """Without listeners no image is processed."""
@@ -258,12 +227,21 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
         return self.spaces.clear()
 
     def destroy_node(self) -> None:
-        """Stop what runs, then end the worker thread."""
+        """Stop what runs, then end the worker threads."""
         self.spaces.close()
         self._no_more_images.set()
-        for threads in (self._runner, self._compiler, self._image_runner):
+        self._filter.close(ENDING_S)
+        for threads in (self._runner, self._compiler):
             threads.shutdown(wait=True)
         super().destroy_node()
+
+
+def _named(program: str, run: Callable[[], ByteArray]) -> ByteArray:
+    """What a program makes of an image; its failure says which program it was."""
+    try:
+        return run()
+    except (ProgramFailed, Stopped) as error:
+        raise ValueError(f'{program}: {error}') from None
 
 
 def main(args: list[str] | None = None) -> int:

@@ -1,5 +1,6 @@
 """Finds known objects among recovered 3D features: interpretation search, validation, closed-form testing."""
 
+from .catalogue.catalogue import open_catalogue
 from .model.index import ModelIndex, index_model
 from .params import MatchParams, MatchResult
 from .pipeline import match, recognise
@@ -14,5 +15,6 @@ __all__ = [
     'Tracker',
     'index_model',
     'match',
+    'open_catalogue',
     'recognise',
 ]

@@ -15,13 +15,16 @@ from csg_renderer.render_cli import render_parser
 from dap_emulator.dap_cli import parser as dap_parser
 from dap_emulator.fortran_plus.library import program_names
 from stereo_recovery.check_rig_cli import check_rig_parser
+from stereo_recovery.measure_camera_cli import measure_camera_parser
 from stereo_recovery.recover_cli import parser as recover_parser
 
 from .closed_form.bop.bop_cli import bop_parser
 from .closed_form.cli import closed_form_parser
 from .closed_form.following.track_cli import track_parser
+from .closed_form.planning.plan_cli import plan_parser
 from .closed_form.recordings.replay_cli import replay_parser
 from .closed_form.viewing.view_cli import view_parser
+from .index_cli import index_parser
 from .match_cli import match_parser
 
 HEAD = """\
@@ -52,12 +55,15 @@ def script() -> str:
         (features_parser(), scenes),
         (render_parser(), scenes),
         (closed_form_parser(), scenes),
+        (plan_parser(), scenes),
         (match_parser(), scenes),
+        (index_parser(), ()),
         (track_parser(), scenes),
         (replay_parser(), scenes),
         (view_parser(), scenes),
         (recover_parser(), ()),
         (check_rig_parser(), ()),
+        (measure_camera_parser(), ()),
         (bop_parser(), ()),
         (dap_parser(), ('run', 'list', 'functions', 'costs', 'counted', *program_names())),
     )

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msgs_py import Interpretation
+from msgs_py.node_runtime.settings import NANOSECONDS
 from msgs_py.numeric.spatial import rotations as spatial_rotations
 from msgs_py.numeric.typed import FloatArray
 
@@ -19,8 +20,6 @@ from .model.equal_poses import at_point, equal_motions
 from .model.index import ModelIndex
 from .model.settings import EXACT, SAME, SAME_POSE_DEG
 from .settings import SAME_INSTANCE
-
-NANOSECONDS = 1e9
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,19 +16,21 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from csg_renderer.features.mesh_features import MESH_SUFFIXES
 from csg_renderer.features.mesh_units import GUESS, MESH_UNITS, METRES
+from csg_renderer.mesh.files import MESH_SUFFIXES
 from msgs_py import FeatureSet, Interpretation, PinholeCamera, StereoRig
 from msgs_py.commands import DONE, NOTHING, add_json, run_command
 from msgs_py.files import check_image, read_text
 from msgs_py.numeric.typed import ByteArray
 from stereo_recovery.settings import PICTURES
 
+from .catalogue.catalogue import Catalogue, open_catalogue
+from .catalogue.store import is_index
 from .drawing import draw_overlay, draw_views
 from .geometry.settings import ROUNDING
 from .image_pose.views import Views
 from .model.index import ModelIndex
-from .model.library import load_library, working_distance
+from .model.library import Library, load_library, models_of, working_distance
 from .pair_match import RecoveredPair, recovered_pair, scale_remedy, wrong_scale
 from .params import CONSTRAINTS, ENGINES, ORDERINGS, RANGES, REAL_BYTES, SCALES, SEARCHES, MatchParams, MatchResult
 from .pipeline import survey
@@ -60,7 +62,10 @@ def match_parser() -> argparse.ArgumentParser:
         'Exit status 0: something was found, 1: nothing, 2: bad input.',
     )
     add = parser.add_argument
-    add('model', help='.csg, .npz, mesh, a folder of them, or the name of a model of csg_renderer')
+    add(
+        'model',
+        help='.csg, .npz, mesh, a folder of them, their index (of index_models), or the name of one of csg_renderer',
+    )
     add(
         'files',
         nargs='+',
@@ -111,18 +116,7 @@ def match_parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; an error of the input goes to stderr as one line.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        ``sys.argv[1:]`` when not given.
-
-    Returns
-    -------
-    int
-        Exit status: 0 something was found, 1 nothing, 2 bad input.
-    """
+    """Run the command. Exit status: 0 something was found, 1 nothing, 2 bad input."""
     return run_command('match', _run, match_parser().parse_args(arguments))
 
 
@@ -143,31 +137,51 @@ def _run(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
         raise ValueError(f'{options.out}: expected a file name of a picture, such as found.png')
     _check_files(options)
     # A model that cannot be read is said before the seconds that recovery takes.
-    known = load_library([options.model], options.mesh_units)
-    if not known.models:
-        raise ValueError('; '.join(known.problems) or f'{options.model}: holds no model')
+    catalogue = _catalogue(options)
+    if catalogue is None:
+        models_of(options.model, options.mesh_units)
     data = _data(options)
-    library = load_library([options.model], options.mesh_units, working_distance(data.features))
-    for name, unit in library.units.items():
-        print(f'{name}: {unit}', file=sys.stderr if unit.guessed else sys.stdout)
-    for problem in library.problems:
-        print(f'match: {problem}', file=sys.stderr)
-    result = survey(library.models, data.features, params, data.views)
+    models = catalogue or _library(options, data.features).models
+    result = survey(models, data.features, params, data.views)
     hints = [] if data.recovered is None else data.recovered.doubts()
-    if not result:
-        hints += hints_of(options.model, library.models, data.features, params, data.recovered)
+    if not result and not isinstance(models, Catalogue):
+        hints += hints_of(options.model, models, data.features, params, data.recovered)
     for hint in hints:
         print(f'match: {hint}', file=sys.stderr)
     print(table([*result.interpretations, *result.rejected[: max(options.rejected, 0)]]), end='')
     print(summary(result, len(data.features)))
     if options.out is not None:
-        models = {model.name: model.features for model in library.models}
-        if data.camera is not None:
-            draw_overlay(options.out, data.features, models, result.interpretations, data.camera, data.image)
+        if isinstance(models, Catalogue):
+            found = {one.model for one in result.interpretations}
+            features = {name: models.feature_set(models.number(name)) for name in found}
         else:
-            draw_views(options.out, data.features, models, result.interpretations)
+            features = {model.name: model.features for model in models}
+        if data.camera is not None:
+            draw_overlay(options.out, data.features, features, result.interpretations, data.camera, data.image)
+        else:
+            draw_views(options.out, data.features, features, result.interpretations)
         print(f'wrote {options.out}')
     return (DONE if result else NOTHING), record(result, len(data.features), hints)
+
+
+def _catalogue(options: argparse.Namespace) -> Catalogue | None:
+    """The index of models, where one is given; raises OSError or ValueError."""
+    if not is_index(options.model):
+        return None
+    catalogue = open_catalogue(options.model)
+    if len(catalogue) == 0:
+        raise ValueError(f'{options.model}: holds no model')
+    return catalogue
+
+
+def _library(options: argparse.Namespace, data: FeatureSet) -> Library:
+    """The models, in the units that the distance of the data suggests; what is to be said of them is said."""
+    library = load_library([options.model], options.mesh_units, working_distance(data))
+    for name, unit in library.units.items():
+        print(f'{name}: {unit}', file=sys.stderr if unit.guessed else sys.stdout)
+    for problem in library.problems:
+        print(f'match: {problem}', file=sys.stderr)
+    return library
 
 
 def _check_files(options: argparse.Namespace) -> None:

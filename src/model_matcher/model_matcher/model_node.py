@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, TypeVar
 
 from rclpy.publisher import Publisher
@@ -13,13 +15,16 @@ from csg_renderer.features.mesh_units import GUESS
 from csg_renderer.language.includes import models_folder
 from msgs_py import Pose
 from msgs_py.codecs import transform_message_type
+from msgs_py.node_runtime.background import Background
 from msgs_py.node_runtime.camera_input import CameraConfig
 from msgs_py.node_runtime.config import parameter
 from msgs_py.node_runtime.confinement import TrustedFolders
 from msgs_py.node_runtime.runtime import GraphNode
 
+from .catalogue.catalogue import Catalogue, Share, open_catalogue
+from .catalogue.store import is_index
 from .model.index import ModelIndex
-from .model.library import Library, load_library
+from .model.library import Library, changed_at, load_library
 from .node_answers import transforms
 
 NO_TF = 'parameter tf: tf2_msgs is not installed (ros-jazzy-tf2-msgs), so nothing can be broadcast'
@@ -30,7 +35,9 @@ class ModelConfig(CameraConfig):
     """Parameters of a node of known models."""
 
     models: tuple[str, ...] = parameter(
-        (), 'Model files (.csg, .npz, .stl, .obj, .ply), folders of them, or names of models of csg_renderer'
+        (),
+        'Model files (.csg, .npz, .stl, .obj, .ply), folders of them, or names of models of csg_renderer; or one index '
+        'of models, as index_models makes it',
     )
     model_folders: tuple[str, ...] = parameter(
         (),
@@ -52,6 +59,9 @@ class ModelNode(GraphNode[_C]):
         super().__init__(name, config_class, **kwargs)
         self._pose_out: dict[str, Publisher] = {}
         self._library = Library((), (), {})
+        self._catalogue: Catalogue | None = None
+        self._checking: Background[None] | None = None
+        self._checked = self.create_guard_condition(self._on_checked)
         self._transforms_out: Publisher | None = None
         self._transforms_type = transform_message_type()
         self._trusted = TrustedFolders(
@@ -76,6 +86,7 @@ class ModelNode(GraphNode[_C]):
     def cleanup(self) -> None:
         """Forget the models."""
         self._pose_out, self._transforms_out, self._library = {}, None, Library((), (), {})
+        self._catalogue, self._checking = None, None
 
     def _read_library(self, mesh_units: str = GUESS, distance: float | None = None) -> None:
         """Read the models; what cannot be used is reported by name and left out."""
@@ -84,6 +95,50 @@ class ModelNode(GraphNode[_C]):
             self.problem(f'models: {problem}')
         if not self.config.models:
             self.problem('parameter models: empty, expected model files, folders or names')
+
+    def _open_index(self, share: Share | None = None) -> bool:
+        """Open the index that parameter models names, which goes alone; False when it names none.
+
+        Its checksums are compared while it is used: of many models that takes seconds.
+        """
+        self._catalogue, self._checking = None, None
+        indexes = [given for given in self.config.models if is_index(given)]
+        if not indexes:
+            return False
+        path = Path(indexes[0]).expanduser()
+        problems = []
+        if len(self.config.models) > 1:
+            problems.append(f'{indexes[0]}: an index goes alone; the others are left out')
+        try:
+            self._catalogue = open_catalogue(path, share, check=False)
+            self._checking = Background(self._catalogue.check, self._wake_when_checked)
+        except (OSError, ValueError) as error:
+            problems.append(str(error))
+        self._library = Library((), tuple(problems), {path: changed_at(path)})
+        for problem in problems:
+            self.problem(f'models: {problem}')
+        return True
+
+    def _wake_when_checked(self) -> None:
+        """Called by the thread that has compared the checksums; the node may be gone by then."""
+        with contextlib.suppress(Exception):
+            self._checked.trigger()
+
+    def _on_checked(self) -> None:
+        """An index that turns out to be damaged is used no longer."""
+        if self._checking is None or not self._checking.done:
+            return  # another index has taken the place of the one that was checked
+        checking, self._checking = self._checking, None
+        try:
+            checking.result()
+        except (OSError, ValueError) as error:
+            self._catalogue = None
+            self._library = replace(self._library, problems=(*self._library.problems, str(error)))
+            self.problem(f'models: {error}')
+            self._index_lost()
+
+    def _index_lost(self) -> None:
+        """What was made of an index goes with it."""
 
     def _start_transforms(self) -> None:
         """Begin or end broadcasting, as the parameter says."""

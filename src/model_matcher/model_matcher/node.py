@@ -8,56 +8,42 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseArray, PoseStamped
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
-from visualization_msgs.msg import MarkerArray
 
-from csg_renderer.features.mesh_units import GUESS, MESH_UNITS
-from msgs_py import FeatureSet, Interpretation
-from msgs_py.codecs import (
-    cloud_to_features,
-    features_to_markers,
-    pose_to_stamped,
-    poses_to_array,
-    report_from_interpretations,
-)
+from msgs_py import FeatureSet
+from msgs_py.codecs import cloud_to_features
 from msgs_py.node_runtime.beside import CHANGED_GRACE_S, ENDING_S, Beside
-from msgs_py.node_runtime.camera_input import CameraImages, CameraTopics
+from msgs_py.node_runtime.camera_input import CameraImages, CameraTopics, cameras_parameter
 from msgs_py.node_runtime.config import parameter
 from msgs_py.node_runtime.runtime import run_node
 from msgs_py.node_runtime.settings import SILENCE_S
+from msgs_py.node_runtime.stamp_sync import stamp_ns
 from msgs_py.numeric.deadline import Deadline
 from msgs_py.renaming import without_effect
 
+from .answering_node import AnsweringConfig, AnsweringNode
+from .catalogue.catalogue import Share
 from .image_pose.views import Views
-from .instances import Instances
 from .model.equal_poses import canonical
-from .model.index import ModelIndex
 from .model.library import working_distance
-from .model_node import ModelConfig, ModelNode
-from .node_answers import Answers
-from .node_views import ViewMemory, stamp_ns, views_of
+from .node_views import ViewMemory, views_of
 from .params import CONSTRAINTS, ENGINES, ORDERINGS, SCALES, SEARCHES, MatchParams, MatchResult
 from .pipeline import compile_steps, survey
-from .settings import MOST_CAMERAS, WAIT_FOR_IMAGES_S
+from .settings import WAIT_FOR_IMAGES_S
 
-TOPIC = 'interpretations'
-WATCH_PERIOD_S = 1.0
 _DEFAULT = MatchParams()
 
 
 @dataclass(frozen=True)
-class MatcherConfig(ModelConfig):
+class MatcherConfig(AnsweringConfig):
     """Parameters of matcher_node."""
 
-    mesh_units: str = parameter(
-        GUESS,
-        'Unit of mesh files, which do not say it; a guess goes by their size against the distance of the features',
-        choices=MESH_UNITS,
+    shard: str = parameter(
+        '',
+        'Share of the models that this node looks for, as 2/8 for the second of eight nodes; empty: all. merger_node '
+        'puts the answers of all together',
     )
-    watch: bool = parameter(True, 'Read the models again when a file changes')
     search: str = parameter(_DEFAULT.search, 'Search method', choices=SEARCHES)
     engine: str = parameter(_DEFAULT.engine, 'Where the tree search runs', choices=ENGINES)
     ordering: str = parameter(_DEFAULT.ordering, 'Order of data pairs in the tree search', choices=ORDERINGS)
@@ -115,21 +101,7 @@ class MatcherConfig(ModelConfig):
         'Take the rectified images that the features were recovered from, when they are published: what they show of a '
         'model counts, and poses are measured in them. Turn it off where the image topics carry raw images',
     )
-    cameras: int = parameter(
-        2,
-        'How many cameras there are; of three and more the topics are camera_0/image_rect, camera_0/camera_info, ...',
-        minimum=2,
-        maximum=MOST_CAMERAS,
-        read_only=True,
-    )
-    speed: float = parameter(
-        0.1,
-        'Sigma of the speed of any point of an object in the frame of the camera, by which it is known again in the '
-        'next message; 0 when all stands still',
-        unit='m/s',
-        minimum=0.0,
-        maximum=100.0,
-    )
+    cameras: int = cameras_parameter(2)
     seed: int = parameter(0, 'Deprecated: has no effect', minimum=0, maximum=2**31 - 1)
 
     def match_params(self) -> MatchParams:
@@ -157,6 +129,7 @@ class MatcherConfig(ModelConfig):
         """Raise ValueError, naming the parameter, when they do not go together."""
         CameraTopics.of(self, self.cameras)
         try:
+            Share.parse(self.shard)
             self.match_params()
         except ValueError as error:
             raise ValueError(f'parameter {error}') from None
@@ -170,15 +143,12 @@ class Recovered(NamedTuple):
     views: Views | None
 
 
-class MatcherNode(ModelNode[MatcherConfig]):
+class MatcherNode(AnsweringNode[MatcherConfig]):
     """Publishes what it recognises in every ``features`` message; an empty PoseArray when that is nothing."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('matcher_node', MatcherConfig, **kwargs)
-        self._instances = Instances()
         self._reason = ''
-        self._looked_at = time.monotonic()
-        self._distance: float | None = None
         self._params = self.config.match_params()
         self._search = Beside(self, 'features', self._begin, self._finish)
         self._images = ViewMemory()
@@ -190,19 +160,15 @@ class MatcherNode(ModelNode[MatcherConfig]):
 
     def configure(self) -> None:
         """Make the outputs, read the models, and compile."""
-        self._array_out = self.create_output(PoseArray, TOPIC)
-        self._report_out = self.create_output(DiagnosticArray, f'{TOPIC}/report')
-        self._markers_out = self.create_output(MarkerArray, f'{TOPIC}/markers')
-        self._answers = Answers(self, TOPIC)
+        self._make_outputs()
         self._params = self.config.match_params()
         self._warn_of_seed()
         self._load()
-        self.prepare(compile_steps(self._params, len(self._library.models), images=True))
+        many, indexed = len(self._library.models), self._catalogue is not None
+        # A proof may be asked for at any time; what it takes is loaded now, so that no message waits for it then.
+        asked = self._params.replace(prove=True)
+        self.prepare(compile_steps(asked, many, images=True, catalogue=indexed))
         self._start_transforms()
-
-    def unusable(self) -> str:
-        """No model, or a parameter that was refused. See ManagedNode."""
-        return super().unusable() or self._no_model()
 
     def activate(self) -> None:
         """Subscribe, and say what is latched."""
@@ -221,7 +187,7 @@ class MatcherNode(ModelNode[MatcherConfig]):
     def cleanup(self) -> None:
         """Forget the models."""
         super().cleanup()
-        self._reason, self._seen, self._distance = '', 0, None
+        self._reason, self._seen = '', 0
 
     # -- configuration -----------------------------------------------------------------------------------------
 
@@ -233,7 +199,8 @@ class MatcherNode(ModelNode[MatcherConfig]):
             self._search.begin_anew(CHANGED_GRACE_S)
         if new.seed != old.seed:
             self._warn_of_seed()
-        if new.models != old.models or (new.mesh_units != old.mesh_units and self._library.units):
+        of_library = (new.models, new.shard) != (old.models, old.shard)
+        if of_library or (new.mesh_units != old.mesh_units and self._library.units):
             self._load()
 
     def _warn_of_seed(self) -> None:
@@ -249,33 +216,13 @@ class MatcherNode(ModelNode[MatcherConfig]):
         self._waiting, self._seen, self._distance = None, 0, None
         return f'counters, images, and {len(self._library)} models read again'
 
-    def _load(self) -> None:
-        """Read the models; what cannot be used is reported by name and left out."""
-        said = self._library.units
-        self._read_library(self.config.mesh_units, self._distance)
-        for name, unit in self._library.units.items():
-            if unit.guessed and said.get(name) != unit:
-                self.get_logger().warning(f'models: {name}: {unit}')
-        names = {model.name for model in self._library.models}
-        for name in set(self._pose_out) - names:
-            self.destroy_publisher(self._pose_out.pop(name))
-        for name in sorted(names - set(self._pose_out)):
-            self._pose_out[name] = self.create_output(PoseStamped, f'{TOPIC}/{_topic_name(name)}')
-        self._answers.load(self._library.models, {name: _topic_name(name) for name in names})
-        if self.active:
-            self._answers.tell_symmetries()
-        self._search.begin_anew(0.0)  # what it finds would be of models that are there no longer
+    def share(self) -> Share:
+        """See AnsweringNode."""
+        return Share.parse(self.config.shard)
 
-    def _models(self) -> dict[str, ModelIndex]:
-        """The models by their names."""
-        return {model.name: model for model in self._library.models}
-
-    def _look_for_changes(self) -> None:
-        now = time.monotonic()
-        if self.config.watch and now - self._looked_at >= WATCH_PERIOD_S:
-            self._looked_at = now
-            if self._library.changed():
-                self._load()
+    def _models_changed(self) -> None:
+        """A search that is under way begins anew. See AnsweringNode."""
+        self._search.begin_anew(0.0)
 
     def _look_at_units(self, data: FeatureSet) -> None:
         """The first features tell from what distance the models are looked at."""
@@ -325,7 +272,8 @@ class MatcherNode(ModelNode[MatcherConfig]):
         """A search by the models and parameters of now."""
         self._look_for_changes()
         self._look_at_units(recovered.data)
-        return partial(survey, self._library.models, recovered.data, self._params, recovered.views, deadline)
+        models = self._library.models if self._catalogue is None else self._catalogue
+        return partial(survey, models, recovered.data, self._params, recovered.views, deadline)
 
     def _finish(self, recovered: Recovered, result: MatchResult) -> None:
         self._seen += recovered.views is not None
@@ -338,61 +286,27 @@ class MatcherNode(ModelNode[MatcherConfig]):
 
     def _canonical(self, result: MatchResult) -> MatchResult:
         """A result with the canonical ones of the poses that symmetries make equal."""
-        models = self._models()
+        models = self._models_of({one.model for one in (*result.interpretations, *result.rejected)})
         accepted, rejected = (
             tuple(canonical(models[one.model], one) for one in ones)
             for ones in (result.interpretations, result.rejected)
         )
         return replace(result, interpretations=accepted, rejected=rejected)
 
-    def _publish(self, result: MatchResult, header: Any) -> None:
-        best: dict[str, Interpretation] = {}
-        for one in result.interpretations:
-            best.setdefault(one.model, one)
-        for name, one in best.items():
-            self._pose_out[name].publish(pose_to_stamped(one.pose, header))
-        self._broadcast({name: one.pose for name, one in best.items()}, self._models(), header)
-        speed = self.config.speed
-        instances = self._instances.names(stamp_ns(header), result.interpretations, self._models(), speed)
-        self._answers.publish(result.interpretations, instances, header)
-        self._answers.publish_scene(result.interpretations, instances, self._instances.remembered, header)
-        every = [*result.interpretations, *result.rejected]
-        self._report_out.publish(report_from_interpretations(every, header, instances))
-        if self.wanted(self._markers_out):
-            self._markers_out.publish(self._markers(result, header))
-        self._array_out.publish(poses_to_array([one.pose for one in result.interpretations], header))
-
-    def _markers(self, result: MatchResult, header: Any) -> MarkerArray:
-        """Wire frames of what was accepted; the array begins by deleting the last ones."""
-        features = {model.name: model.features for model in self._library.models}
-        markers = features_to_markers(FeatureSet.empty(), header, TOPIC)
-        for number, one in enumerate(result.interpretations):
-            placed = features[one.model].transformed(one.pose)
-            markers.markers += features_to_markers(placed, header, f'{one.model}/{number}', clear=False).markers
-        return markers
-
     # -- health ------------------------------------------------------------------------------------------------
 
     def why_silent(self) -> str | None:
         """What keeps the node from finding anything; None when nothing does."""
-        if not self._library.models:
+        if self._no_model():
             return self._no_model()
         if self._search.seconds > SILENCE_S:
             return f'a search takes {self._search.seconds:.0f} s, of a time_limit of {self.config.time_limit:g} s'
         return None
 
-    def _no_model(self) -> str:
-        """Why there is no model; empty when there is one."""
-        if self._library.models:
-            return ''
-        return 'no model is loaded: ' + ('; '.join(self._library.problems) or 'parameter models is empty')
-
     def report_values(self) -> dict[str, object]:
         """What diagnostics say besides the counters."""
         return {
-            'models': ', '.join(model.name for model in self._library.models),
-            'mesh_units': '; '.join(f'{name}: {unit}' for name, unit in self._library.units.items()),
-            'unusable_models': '; '.join(self._library.problems),
+            **super().report_values(),
             'why_nothing_found': self._reason,
             'with_images': self._seen,
             'searching_s': f'{self._search.seconds:.1f}',
@@ -404,11 +318,6 @@ class MatcherNode(ModelNode[MatcherConfig]):
         if search is not None:
             search.close(ENDING_S)
         super().destroy_node()
-
-
-def _topic_name(name: str) -> str:
-    """The last part of a model's topic; some are taken."""
-    return f'{name}_model' if name in ('report', 'markers', 'symmetries') else name
 
 
 def main(args: list[str] | None = None) -> int:

@@ -14,7 +14,7 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from std_msgs.msg import Header, String
 from visualization_msgs.msg import MarkerArray
 
-from csg_renderer import planning_scene
+from csg_renderer import MeshOutline, planning_scene
 from csg_renderer.features.collision_shapes import box_shape
 from msgs_py import Interpretation, Pose
 from msgs_py.codecs import (
@@ -31,7 +31,7 @@ from msgs_py.codecs import (
     removal,
 )
 from msgs_py.node_runtime.runtime import GraphNode
-from msgs_py.shapes import CollisionShapes
+from msgs_py.shapes import CollisionShapes, MeshShape
 
 from .model.equal_poses import symmetry_group
 from .model.index import ModelIndex, model_box
@@ -135,7 +135,9 @@ class Answers:
 
 
 def collision_shapes(model: ModelIndex) -> CollisionShapes:
-    """The space that a model takes; its bounding box where no solid is known, or none with bounds."""
+    """The space that a model takes; its bounding box where neither a mesh nor a solid with bounds is known."""
+    if isinstance(model.shape, MeshOutline):
+        return CollisionShapes((), (MeshShape(model.shape.vertices, model.shape.triangles),))
     if model.shape is not None and np.isfinite(model.shape.box).all():
         return planning_scene(model.shape.solid)
     return CollisionShapes((box_shape(*model_box(model)),), note='the bounding box: only features are known')

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from typing import Any
 
 from msgs_py import CameraRig, StereoRig
 from msgs_py.codecs import in_eight_bits
@@ -11,13 +10,6 @@ from msgs_py.node_runtime.camera_input import CameraImages
 
 from .image_pose.views import Views
 from .settings import IMAGES_KEPT
-
-NANOSECONDS = 10**9
-
-
-def stamp_ns(header: Any) -> int:
-    """The stamp of a header, nanoseconds."""
-    return int(header.stamp.sec) * NANOSECONDS + int(header.stamp.nanosec)
 
 
 def views_of(images: CameraImages) -> Views:

@@ -6,16 +6,23 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
 from csg_renderer import Solid, SolidOutline, model_features
+from csg_renderer.features.mesh_outline import compile_steps as mesh_steps
 from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, PinholeCamera, Pose
 from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.steps import CompileStep, run_all
 
+from .catalogue.build import indexed_model, write_catalogue
+from .catalogue.candidates import candidates
+from .catalogue.catalogue import Catalogue, open_catalogue
+from .catalogue.settings import FILE_NAME
 from .geometry.line_pairs import rank_pairs
 from .geometry.settings import PARALLEL_SINE
 from .image_pose.measurement import Presence
@@ -24,6 +31,7 @@ from .interpretation_tree.match import match_by_tree
 from .model.index import ModelIndex, extent_points, index_model, indexed
 from .model.problem import Problem, make_problem, usable
 from .model.settings import SEARCH_WIDTH
+from .model.symmetry import distinct_pairs
 from .params import MatchParams, MatchResult, no_match
 from .proof.certificate import certify
 from .search.free_scale import match_free
@@ -38,8 +46,8 @@ from .verification.image_evidence import accepted_by_images, compete
 from .verification.refinement import Refined, refine_all
 from .verification.settings import CANDIDATES, NEARLY_ALL
 
-# What has been compiled: with and without images.
-_warm: set[bool] = set()
+# What has been compiled: for features, images, an index.
+_warm: set[str] = set()
 
 
 def match(
@@ -214,6 +222,7 @@ def _search(
     deadline: Deadline,
 ) -> _Found:
     """Try the ranked pairs from number ``begin`` on."""
+    table = distinct_pairs(problem.index)
     # What a pair takes grows with the square of the model: the first says how many fit between two looks at the clock.
     block = 1
     looked = time.perf_counter()
@@ -228,7 +237,7 @@ def _search(
                 pairs,
                 partners,
                 problem.model,
-                problem.index.pair_table,
+                table,
                 problem.features,
                 SEARCH_WIDTH,
                 first,
@@ -270,14 +279,15 @@ def _neighbours(rows: np.ndarray, longest: float, deadline: Deadline) -> tuple[n
 
 
 def recognise(
-    models: Sequence[FeatureSet | ModelIndex], data: FeatureSet, params: MatchParams | None = None
+    models: Sequence[FeatureSet | ModelIndex] | Catalogue, data: FeatureSet, params: MatchParams | None = None
 ) -> list[Interpretation]:
     """Find several models, and several instances of each.
 
     Parameters
     ----------
-    models : sequence of FeatureSet or ModelIndex
-        Feature sets are named model0, model1, ...; indexes have names of their own.
+    models : sequence of FeatureSet or ModelIndex, or Catalogue
+        Feature sets are named model0, model1, ...; indexes have names of their own. A catalogue
+        (:func:`.catalogue.catalogue.open_catalogue`) may hold any number of models.
     data : FeatureSet
         Camera frame, metres.
     params : MatchParams, optional
@@ -293,7 +303,7 @@ def recognise(
 
 
 def survey(
-    models: Sequence[FeatureSet | ModelIndex],
+    models: Sequence[FeatureSet | ModelIndex] | Catalogue,
     data: FeatureSet,
     params: MatchParams | None = None,
     views: Views | None = None,
@@ -304,6 +314,9 @@ def survey(
     What has the most evidence of all models claims the data that it explains, and with images the edges on which its
     outline lies; the search goes on in what is left, until nothing more is accepted. The time limit is one for all of
     it: each model has an even share of what those before it have left.
+
+    Of a catalogue its candidates are searched. The false_alarm_rate is then that of all its models together, and what
+    has the most evidence claims data, for among very many some model explains a little more by chance.
 
     Parameters
     ----------
@@ -318,23 +331,29 @@ def survey(
     params = params or MatchParams()
     if not isinstance(data, FeatureSet):
         raise TypeError(f'data: expected a FeatureSet, got {type(data).__name__}')
-    _compile_first(views, len(models))
+    _compile_first(views, len(models), isinstance(models, Catalogue))
     deadline = Deadline(params.time_limit_s, deadline)
-    indexes = []
-    reasons = []
-    for number, model in enumerate(models):
-        try:
-            indexes.append(indexed(model, f'model{number}'))
-        except ValueError as error:
-            reasons.append(str(error))
+    n_models = len(models)
+    indexes: list[ModelIndex]
+    reasons: list[str] = []
+    by_evidence = views is not None or isinstance(models, Catalogue)
+    if isinstance(models, Catalogue):
+        # One absent model of so many is reported no more often than a single one would be.
+        params = params.replace(false_alarm_rate=_rate_of_each(params, n_models))
+        indexes = candidates(models, data, params, deadline.share(SHARES.searching))
+        if views is not None:
+            indexes = [models.outlined(one) for one in indexes]
+    else:
+        indexes, reasons = _usable_models(models)
+        n_models = len(indexes)
+        if n_models > LIBRARY and params.scale == 'known':
+            indexes = [indexes[k] for k in prefilter(indexes, data, params, deadline.share(SHARES.ranking))]
+    if n_models and not indexes:
+        reasons.append('no model of the library explains three data features near each other')
     accepted: list[Interpretation] = []
     rejected: list[Interpretation] = []
     outlines: list[Presence] = []
     left = np.arange(len(data))
-    n_models = len(indexes)
-    if n_models > LIBRARY and params.scale == 'known':
-        indexes = [indexes[k] for k in prefilter(indexes, data, params, deadline.share(SHARES.ranking))]
-        reasons += [] if indexes else ['no model of the library explains three data features near each other']
     out_of_time: set[str] = set()
 
     def search(number: int, seconds: float) -> MatchResult:
@@ -348,7 +367,7 @@ def survey(
     results = spread_until(search, range(len(indexes)), deadline)
     while True:
         bests = [result.best for result in results]
-        score = [-np.inf if best is None else _weight(best, views) for best in bests]
+        score = [-np.inf if best is None else _weight(best, by_evidence) for best in bests]
         winner = int(np.argmax(score)) if score else 0
         best = bests[winner] if score else None
         if best is None:
@@ -386,12 +405,35 @@ def survey(
         'out_of_time': sorted(out_of_time),
     }
     reason = None if accepted else '; '.join(dict.fromkeys(reasons)) or 'there are no models'
+    if isinstance(models, Catalogue):
+        accepted, rejected = ([_of_all(one, n_models) for one in ones] for ones in (accepted, rejected))
     return MatchResult(tuple(accepted), tuple(rejected), stats, reason, tuple(outlines))
 
 
-def _weight(one: Interpretation, views: Views | None) -> float:
-    """By what interpretations of several models are compared: data explained; with images, evidence."""
-    return one.matched if views is None else one.evidence
+def _usable_models(models: Sequence[FeatureSet | ModelIndex]) -> tuple[list[ModelIndex], list[str]]:
+    """Models ready for matching, and why others are not."""
+    indexes, reasons = [], []
+    for number, model in enumerate(models):
+        try:
+            indexes.append(indexed(model, f'model{number}'))
+        except ValueError as error:
+            reasons.append(str(error))
+    return indexes, reasons
+
+
+def _rate_of_each(params: MatchParams, models: int) -> float:
+    """The rate of false alarms of each of so many models that have the one asked for together."""
+    return params.false_alarm_rate if params.false_alarm_rate >= 1.0 else params.false_alarm_rate / max(models, 1)
+
+
+def _of_all(one: Interpretation, models: int) -> Interpretation:
+    """An interpretation whose chance is that of any of so many models."""
+    return replace(one, chance=min(1.0, models * one.chance))
+
+
+def _weight(one: Interpretation, by_evidence: bool) -> float:
+    """By what interpretations of several models are compared: data explained; with images or many models, evidence."""
+    return one.evidence if by_evidence else one.matched
 
 
 def _spread(one: Interpretation, left: np.ndarray, n: int) -> Interpretation:
@@ -409,7 +451,7 @@ def _thin(one: Interpretation, keep: np.ndarray) -> Interpretation:
 
 
 def compile_steps(
-    params: MatchParams | None = None, n_models: int = 1, images: bool = False
+    params: MatchParams | None = None, n_models: int = 1, images: bool = False, catalogue: bool = False
 ) -> tuple[CompileStep, ...]:
     """What :func:`match` needs compiled, as small computations that use it all.
 
@@ -421,6 +463,8 @@ def compile_steps(
         Models that will be searched together: a large library has a search of its own.
     images : bool
         Whether there will be images to look at.
+    catalogue : bool
+        Whether the models are those of an index.
     """
     corners = np.array([[0, 0, 0], [1, 0, 0], [0.2, 1.1, 0], [0.3, 0.2, 1.2], [1.1, 0.9, 0.8]])
     first, last = np.triu_indices(len(corners), 1)
@@ -434,7 +478,7 @@ def compile_steps(
     asked = params or MatchParams()
 
     def with_params(wanted: MatchParams) -> None:
-        _warm.add(False)
+        _warm.add('features')
         # Whatever evidence there is suffices: nothing is to be compiled only when something is found.
         match(model, model, replace(wanted, false_alarm_rate=1.0))
 
@@ -442,11 +486,22 @@ def compile_steps(
     if asked != MatchParams():
         steps.append(CompileStep('the search that parameters ask for', lambda: with_params(asked)))
     steps.append(CompileStep('search by a tree', lambda: match(bars, bars)))  # all being parallel
-    if n_models > LIBRARY:
+    if catalogue:
+        steps.append(CompileStep('candidates from an index', lambda: _ask_an_index(model, asked)))
+    elif n_models > LIBRARY:
         steps.append(CompileStep('choice from a library', lambda: prefilter([indexed(model, 'model')], model, asked)))
     if images:
-        steps.append(CompileStep('what images show of a model', _find_in_image))
+        steps += [CompileStep('what images show of a model', _find_in_image), *mesh_steps()]
     return tuple(steps)
+
+
+def _ask_an_index(model: FeatureSet, params: MatchParams) -> None:
+    """Make an index of one model, and ask for its candidates."""
+    _warm.add('index')
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / FILE_NAME
+        write_catalogue(path, [indexed_model(model, 'model')])
+        candidates(open_catalogue(path), model, params)
 
 
 def _find_in_image() -> None:
@@ -454,7 +509,7 @@ def _find_in_image() -> None:
 
     The pin makes rims and a free turn; two of them make outlines that may compete. Two eyes look at their surfaces.
     """
-    _warm.add(True)
+    _warm.add('images')
     camera = PinholeCamera.centred(160, 120, 200.0)
     solid = Solid.block(0.06, 0.05, 0.04) | Solid.cylinder(0.02, (0.0, 0.0, 0.08))
     index = index_model(model_features(solid), 'model', SolidOutline(solid))
@@ -469,16 +524,19 @@ def _find_in_image() -> None:
     survey([index], data, MatchParams(false_alarm_rate=1.0), Views(list(pictures), [camera] * 2, stands))
 
 
-def warm_up(params: MatchParams | None = None, n_models: int = 1, images: bool = False) -> None:
+def warm_up(
+    params: MatchParams | None = None, n_models: int = 1, images: bool = False, catalogue: bool = False
+) -> None:
     """Compile, or load from the cache, all that :func:`match` needs, so that no first message waits for it.
 
     params : search, scale and proof that will be asked for; n_models : a large library has a search of its own
-    images : whether there will be images to look at
+    images : whether there will be images to look at; catalogue : whether the models are those of an index
     """
-    run_all(compile_steps(params, n_models, images))
+    run_all(compile_steps(params, n_models, images, catalogue))
 
 
-def _compile_first(views: Views | None, n_models: int = 1) -> None:
+def _compile_first(views: Views | None, n_models: int = 1, catalogue: bool = False) -> None:
     """What a search needs is compiled before its clock starts."""
-    if not _warm or (views is not None and True not in _warm):
-        warm_up(n_models=n_models, images=views is not None)
+    needed = {'features', *(['images'] if views is not None else []), *(['index'] if catalogue else [])}
+    if not needed <= _warm:
+        warm_up(n_models=n_models, images=views is not None, catalogue=catalogue)

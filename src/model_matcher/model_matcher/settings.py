@@ -68,5 +68,10 @@ IMAGES_KEPT = 30
 WAIT_FOR_IMAGES_S = 0.1
 # Chi squared of six degrees of freedom, which one sighting in a thousand of an object exceeds: beyond, it is another.
 SAME_INSTANCE = 22.46
-# Cameras that one node listens to.
-MOST_CAMERAS = 16
+# Models of an index that a node keeps topics for, those found last: each has a few publishers.
+NAMED_MODELS = 100
+# matcher_nodes whose answers one node puts together; messages that it keeps while answers are missing, a second of 30
+# Hz; and seconds between two looks at the clock for these.
+MOST_SHARDS = 64
+MERGED_AT_ONCE = 30
+LOOK_FOR_SHARDS_S = 0.1

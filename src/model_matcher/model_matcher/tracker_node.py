@@ -14,18 +14,21 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from std_msgs.msg import Header
 
+from csg_renderer.features.mesh_units import GUESS, MESH_UNITS
 from msgs_py import Interpretation, Pose
 from msgs_py.codecs import interpretations_from_report, pose_from_message, pose_to_message
-from msgs_py.node_runtime.camera_input import CameraImages, CameraTopics
+from msgs_py.node_runtime.camera_input import CameraImages, CameraTopics, cameras_parameter
 from msgs_py.node_runtime.config import parameter
 from msgs_py.node_runtime.runtime import run_node
+from msgs_py.node_runtime.settings import NANOSECONDS
+from msgs_py.node_runtime.stamp_sync import stamp_ns
 
 from .image_pose.sight import Sight
 from .image_pose.views import Views
 from .model.index import ModelIndex
 from .model_node import ModelConfig, ModelNode
-from .node_views import NANOSECONDS, ViewMemory, stamp_ns, views_of
-from .settings import MOST_CAMERAS
+from .node_views import ViewMemory, views_of
+from .settings import NAMED_MODELS
 from .tracking.compiling import compile_steps
 from .tracking.settings import ACCELERATION
 from .tracking.tracker import Tracked, Tracker, TrackParams
@@ -38,16 +41,14 @@ class TrackerConfig(ModelConfig):
     """Parameters of tracker_node."""
 
     models: tuple[str, ...] = parameter(
-        (), 'Model files (.csg), folders of them, or names of models of csg_renderer; of each one object is followed'
+        (),
+        'Model files (.csg, .stl, .obj, .ply), folders of them, or names of models of csg_renderer; of each one '
+        'object is followed',
     )
-    cameras: int = parameter(
-        2,
-        'How many cameras there are; of three and more the topics are camera_0/image_rect, camera_0/camera_info, ...; '
-        'of one left/image_rect and left/camera_info',
-        minimum=1,
-        maximum=MOST_CAMERAS,
-        read_only=True,
+    mesh_units: str = parameter(
+        GUESS, 'Unit of mesh files, which do not say it; a guess goes by their size', choices=MESH_UNITS
     )
+    cameras: int = cameras_parameter(1)
     acceleration: float = parameter(
         ACCELERATION,
         'Sigma of the acceleration of any point of an object, until its own is learnt',
@@ -104,6 +105,7 @@ class TrackerNode(ModelNode[TrackerConfig]):
         self._models: dict[str, ModelIndex] = {}
         self._followed: dict[str, _Followed] = {}
         self._images = ViewMemory()
+        self._without_shape: set[str] = set()
         self._lost = 0
         self.start()
 
@@ -143,7 +145,7 @@ class TrackerNode(ModelNode[TrackerConfig]):
     def on_config(self, old: TrackerConfig, new: TrackerConfig) -> None:
         """Take over what was changed."""
         super().on_config(old, new)
-        if new.models != old.models:
+        if (new.models, new.mesh_units) != (old.models, old.mesh_units):
             self._load()
 
     def reset(self) -> str:
@@ -156,13 +158,43 @@ class TrackerNode(ModelNode[TrackerConfig]):
 
     def _load(self) -> None:
         """Read the models; what cannot be used is reported by name and left out."""
-        self._read_library()
-        self._models = {}
+        self._models, self._without_shape = {}, set()
+        if not self._open_index():
+            self._read_library(self.config.mesh_units)
         for model in self._library.models:
-            if model.shape is None:
-                self.problem(f'models: {model.name}: no solid is known of it, only features: it cannot be followed')
-            else:
-                self._models[model.name] = model
+            self._add(model)
+        self._make_topics()
+
+    def _add(self, model: ModelIndex) -> None:
+        """A model can be followed, where more is known than its features."""
+        if model.shape is not None:
+            self._models[model.name] = model
+        elif model.name not in self._without_shape:
+            self._without_shape.add(model.name)
+            self.problem(f'models: {model.name}: no solid is known of it, only features: it cannot be followed')
+
+    def _make_known(self, name: str) -> None:
+        """A model of an index is known from its first pose on; what was found long ago and is lost is forgotten."""
+        if self._catalogue is None or name in self._models or name in self._without_shape:
+            return
+        try:
+            number = self._catalogue.number(name)
+        except KeyError:
+            self.problem(f'interpretations/report: {name} is found, which parameter models does not have')
+            return
+        self._add(self._catalogue.outlined(self._catalogue.model(number)))
+        lost = [one for one in self._models if one not in self._held() and one != name]
+        for old in lost[: max(len(self._models) - NAMED_MODELS, 0)]:
+            del self._models[old]
+        self._make_topics()
+
+    def _index_lost(self) -> None:
+        """See ModelNode."""
+        self._models = {}
+        self._make_topics()
+
+    def _make_topics(self) -> None:
+        """Make the topics of models that are known, and follow no others."""
         for name in set(self._pose_out) - set(self._models):
             self.destroy_publisher(self._pose_out.pop(name))
             if name in self._starts:
@@ -187,6 +219,7 @@ class TrackerNode(ModelNode[TrackerConfig]):
         for one in interpretations_from_report(message):
             followed = self._followed.get(one.model)
             if one.accepted and (followed is None or followed.tracker.pose is None):
+                self._make_known(one.model)
                 self._begin(one.model, one, stamp_ns(message.header))
 
     def _on_start(self, name: str, message: PoseWithCovarianceStamped) -> None:
@@ -250,15 +283,20 @@ class TrackerNode(ModelNode[TrackerConfig]):
 
     def why_silent(self) -> str | None:
         """What keeps the node from following anything; None when nothing does."""
-        if not self._models:
+        if not self._models and self._catalogue is None:
             return 'no model can be followed: ' + ('; '.join(self._library.problems) or 'parameter models is empty')
         return None
 
+    def _held(self) -> dict[str, Tracked | None]:
+        """What is followed now, by the names of models."""
+        return {name: one.last for name, one in self._followed.items() if one.tracker.pose is not None}
+
     def report_values(self) -> dict[str, object]:
         """What diagnostics say besides the counters."""
-        held = {name: one.last for name, one in self._followed.items() if one.tracker.pose is not None}
+        held = self._held()
+        of_index = '' if self._catalogue is None else f' of the {len(self._catalogue)} of an index'
         return {
-            'models': ', '.join(self._models),
+            'models': ', '.join(self._models) + of_index,
             'followed': ', '.join(held),
             'not_followed': ', '.join(name for name in self._models if name not in held),
             'times_lost': self._lost,

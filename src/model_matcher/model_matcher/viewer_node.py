@@ -19,12 +19,13 @@ from visualization_msgs.msg import MarkerArray
 
 from msgs_py import FeatureSet, Interpretation
 from msgs_py.codecs import cloud_to_features, interpretations_from_report, pose_from_message
-from msgs_py.node_runtime.camera_input import CameraConfig, CameraImages, CameraTopics
+from msgs_py.node_runtime.camera_input import CameraConfig, CameraImages, CameraTopics, cameras_parameter
 from msgs_py.node_runtime.config import parameter
 from msgs_py.node_runtime.runtime import GraphNode, run_node
+from msgs_py.node_runtime.settings import NANOSECONDS
+from msgs_py.node_runtime.stamp_sync import stamp_ns
 
-from .node_views import NANOSECONDS, stamp_ns, views_of
-from .settings import MOST_CAMERAS
+from .node_views import views_of
 from .tracker_node import topic_name
 from .viewing.moments import Moment, Placed, moment_record, placed_objects
 from .viewing.page import page_of
@@ -49,14 +50,7 @@ class ViewerConfig(CameraConfig):
         maximum=65535,
         read_only=True,
     )
-    cameras: int = parameter(
-        2,
-        'How many cameras there are; of three and more the topics are camera_0/image_rect, camera_0/camera_info, ...; '
-        'of one left/image_rect and left/camera_info',
-        minimum=1,
-        maximum=MOST_CAMERAS,
-        read_only=True,
-    )
+    cameras: int = cameras_parameter(1)
 
     def validate(self) -> None:
         """Raise ValueError, naming the parameter, when they do not go together."""

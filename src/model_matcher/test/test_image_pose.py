@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -16,7 +16,7 @@ from model_matcher.image_pose.measurement import drawn_in, measure_pose, presenc
 from model_matcher.image_pose.model_error import FIRST_ERROR, fitted_model_error
 from model_matcher.image_pose.presence import Chance, bent, log_ratio
 from model_matcher.image_pose.profiles import Stretches, find_steps, fit_steps
-from model_matcher.image_pose.settings import BESIDE, CANDIDATES, FLANK
+from model_matcher.image_pose.settings import BESIDE, CANDIDATES, FLANK, SHADING
 from model_matcher.image_pose.sight import look, same_curves
 from model_matcher.image_pose.views import Views
 from msgs_py import PinholeCamera, Pose, StereoRig
@@ -25,14 +25,19 @@ from stereo_recovery import recover
 CAMERA = PinholeCamera.centred(512, 512, 700.0)
 
 
-def step_image(places, levels, angle, blur=0.6, noise=0.0, seed=0):
-    """(64, 64) uint8 with straight steps across its middle: places along the normal, pixels; levels, one more."""
+def step_image(places, levels, angle, blur=0.6, noise=0.0, seed=0, shade=None):
+    """(64, 64) uint8 with straight steps across its middle: places along the normal, pixels; levels, one more.
+
+    shade : (80,) what is added to the levels, from 40 pixels before the middle to 39 after it
+    """
     v, u = np.mgrid[0:64, 0:64] - 31.5
     across = u * np.cos(angle) + v * np.sin(angle)
     phi = np.vectorize(lambda t: 0.5 * math.erfc(-t / math.sqrt(2.0)))
     image = np.full(across.shape, float(levels[0]))
     for place, before, after in zip(places, levels[:-1], levels[1:]):
         image += (after - before) * phi((across - place) / blur)
+    if shade is not None:
+        image += np.interp(across, np.arange(80) - 40.0, shade)
     image += np.random.default_rng(seed).normal(scale=noise, size=image.shape) if noise else 0.0
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
@@ -50,14 +55,29 @@ def stretches(angle, count=8, spacing=4.0):
 
 @settings(max_examples=30, deadline=None)
 @given(st.floats(-1.0, 1.0), st.floats(0.0, 2.0 * math.pi), st.floats(0.5, 1.2))
+@example(0.25, 0.0, 0.5)
 def test_a_step_is_fitted_where_it_is(place, angle, blur):
+    """Also a step along rows or columns, of whose profiles all are looked up at one place between pixels."""
+    out = fitted_step(place, angle, blur)
+    assert np.abs(out[:, 0].mean() - place) < 0.05
+    np.testing.assert_allclose(out[:, 2], 120.0, rtol=0.1)
+
+
+def test_steps_are_fitted_without_bias():
+    rng = np.random.default_rng(0)
+    at = zip(rng.uniform(-1.0, 1.0, 60), rng.uniform(0.0, 2.0 * math.pi, 60), rng.uniform(0.5, 1.2, 60))
+    off = [fitted_step(place, angle, blur)[:, 0].mean() - place for place, angle, blur in at]
+    assert abs(np.mean(off)) < 0.003
+    assert np.sqrt(np.mean(np.square(off))) < 0.008
+
+
+def fitted_step(place, angle, blur):
+    """What is fitted to a step image without noise, (8, 4)."""
     outline = stretches(angle)
     out = np.empty((len(outline.spacing), 4))
     image = step_image([place], [60, 180], angle, blur)
-    # Looking an image up between its pixels blurs it by a little more.
-    fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), 1.0, math.hypot(blur, 0.35), 0.3, out)
-    assert np.abs(out[:, 0].mean() - place) < 0.01
-    np.testing.assert_allclose(out[:, 2], 120.0, atol=4.0)
+    fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), 1.0, blur, 0.3, out)
+    return out
 
 
 def test_steps_beside_one_another_are_told_apart():
@@ -67,21 +87,36 @@ def test_steps_beside_one_another_are_told_apart():
     image = step_image([0.2, 2.0], [160, 60, 150], angle)
     beside = np.full((len(out), BESIDE), np.nan)
     beside[:, 0] = 1.7
-    fit_steps(image, outline, beside, 1.0, 0.73, 0.3, out)
+    fit_steps(image, outline, beside, 1.0, 0.6, 0.3, out)
     assert np.abs(out[:, 0] - 0.2).max() < 0.06
 
 
-def test_the_stated_variance_is_that_of_noise():
+def test_the_stated_variance_is_that_of_noise_and_shade():
     angle, noise = 0.7, 3.0
     outline = stretches(angle)
     places, stated = [], []
     for seed in range(60):
         out = np.empty((len(outline.spacing), 4))
-        image = step_image([0.3], [80, 140], angle, 0.7, noise, seed)
-        fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), 1.0, 0.8, noise, out)
+        walk = np.cumsum(np.random.default_rng(1000 + seed).normal(scale=SHADING, size=80))
+        image = step_image([0.3], [80, 140], angle, 0.7, noise, seed, walk - walk[40])
+        fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), 1.0, 0.7, noise, out)
         places.append(out[:, 0])
         stated.append(out[:, 1])
     assert 0.8 < np.var(places) / np.mean(stated) < 1.25
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(-4.0, 4.0), st.floats(-4.0, 4.0), st.floats(0.0, 2.0 * math.pi))
+def test_shade_beside_a_step_moves_it_by_half_of_what_it_could(before, after, angle):
+    # Grey levels a pixel, on either side: with levels that are the same all along a step of
+    # 60 between slopes of 4 and -4 would be found 0.59 pixels off.
+    across = np.arange(80) - 40.0
+    shade = np.where(across < 0.0, before, after) * across
+    outline = stretches(angle)
+    out = np.empty((len(outline.spacing), 4))
+    image = step_image([0.0], [100, 160], angle, 0.8, shade=shade)
+    fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), 1.0, 0.8, 0.3, out)
+    assert np.abs(out[:, 0].mean()) < 0.3
 
 
 def test_a_tone_curve_does_not_move_a_step():
@@ -91,9 +126,9 @@ def test_a_tone_curve_does_not_move_a_step():
     coded = np.rint(255.0 * (light / 255.0) ** (1.0 / 2.2)).astype(np.uint8)
     out = np.empty((len(outline.spacing), 4))
     nothing = np.full((len(out), BESIDE), np.nan)
-    fit_steps(coded, outline, nothing, 2.2, 0.88, 0.3, out)
+    fit_steps(coded, outline, nothing, 2.2, 0.8, 0.3, out)
     assert np.abs(out[:, 0].mean() - 0.3) < 0.02
-    fit_steps(coded, outline, nothing, 1.0, 0.88, 0.3, out)
+    fit_steps(coded, outline, nothing, 1.0, 0.8, 0.3, out)
     assert np.abs(out[:, 0].mean() - 0.3) > 0.1
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model_matcher.closed_form.synthetic.scenes import l_shape, make_scene
+from model_matcher.catalogue.build import indexed_model, write_catalogue
+from model_matcher.closed_form.synthetic.scenes import l_shape, make_scene, random_polyhedron
 from model_matcher.model.library import load_library
 from msgs_py import FeatureSet
 
@@ -304,3 +305,26 @@ def test_a_search_of_an_hour_holds_nothing_up(tmp_path):
 
 def mesh_features_of(path):
     return load_library([str(path)]).models[0].features
+
+
+def test_an_index_that_turns_out_to_be_damaged_is_used_no_longer(tmp_path):
+    """Its checksums are compared beside the executor: until then the node answers from what is whole."""
+    index = tmp_path / 'parts.index'
+    write_catalogue(index, [indexed_model(random_polyhedron(k), f'm{k}') for k in range(20)])
+    data = bytearray(index.read_bytes())
+    data[data.rfind(b'[]')] ^= 1  # where its models are from
+    (tmp_path / 'damaged.index').write_bytes(data)
+    bench = Bench([str(index)], 86)
+    try:
+        bench.wait(lambda: bench.node._checking is None)
+        assert bench.node.report_values()['models'] == '20 of 20 models of an index'
+        models = Parameter('models', Parameter.Type.STRING_ARRAY, [str(tmp_path / 'damaged.index')])
+        assert bench.node.set_parameters([models])[0].successful
+        assert bench.node.report_values()['models'] == '20 of 20 models of an index'
+        bench.wait(lambda: bench.node.why_silent())
+        assert 'damaged.index: damaged: array sources does not have its checksum' in bench.node.why_silent()
+        bench.send(stamped(make_scene(random_polyhedron(3), 3).data, 50))
+        bench.wait(lambda: bench.heard['interpretations'])
+        assert len(bench.heard['interpretations'][0].poses) == 0
+    finally:
+        bench.close()

@@ -7,11 +7,12 @@ import math
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.special import ndtr
 
 from model_matcher.image_pose.alignment import Placed
 from model_matcher.image_pose.neighbours import neighbours
 from model_matcher.image_pose.presence import crowded, overlap
-from model_matcher.image_pose.profiles import _normal_integral, _straight_profile, profile
+from model_matcher.image_pose.profiles import _normal_integral, _step_rows, _straight_profile, profile
 from model_matcher.image_pose.settings import FLANK, OWN_STEP, PARALLEL
 
 
@@ -74,7 +75,7 @@ def test_a_profile_in_whole_numbers_is_that_of_real_ones(seed, spacing):
     angle = rng.uniform(0.0, 2.0 * math.pi)
     at = (*rng.uniform(0.0, 50.0, 2).tolist(), math.cos(angle), math.sin(angle))
     exact, quick = np.zeros(15), np.zeros(15)
-    inside = profile(image, np.arange(256.0), at, spacing, 0.0, 7, exact)
+    inside = profile(image, np.arange(256.0), at, spacing, 0.0, 7, exact, np.empty((2, 15)))
     assert _straight_profile(image, at, spacing, 7, quick) == inside
     # A weight's last digit is 1 / 65536, and a step of this picture up to 255.
     np.testing.assert_allclose(quick, exact, atol=0.02)
@@ -84,3 +85,32 @@ def test_the_normal_integral_has_seven_digits():
     for t in np.linspace(-6.0, 6.0, 241):
         exact = 0.5 * math.erfc(-t / math.sqrt(2.0))
         assert abs(_normal_integral(t, math.exp(-0.5 * t * t)) - exact) < 1e-7
+
+
+@settings(deadline=None)
+@given(st.floats(-8.5, 16.5), st.floats(0.35, 3.0), st.floats(-200.0, 200.0))
+def test_derivatives_of_a_step_are_those_of_its_integral(at, blur, contrast):
+    by_place, by_contrast = np.empty(9), np.empty(9)
+    narrow = 1.0 / np.hypot(blur, np.linspace(0.0, 0.5, 9))
+    _step_rows(at, contrast, np.array([narrow, np.zeros(9)]), by_place, by_contrast)
+    t = (np.arange(9.0) - at) * narrow
+    density = np.exp(-0.5 * t * t) / math.sqrt(2.0 * math.pi) * narrow
+    np.testing.assert_allclose(by_place, -contrast * density, rtol=1e-10, atol=1e-200)
+    np.testing.assert_allclose(by_contrast, [0.5 * math.erfc(-one / math.sqrt(2.0)) for one in t], atol=1e-7)
+
+
+@settings(deadline=None)
+@given(st.floats(0.0, 8.0), st.floats(0.5, 3.0), st.floats(0.0, 1.0), st.floats(1.0, 200.0))
+def test_the_shape_of_a_step_that_is_looked_up_between_two_pixels(at, blur, share, contrast):
+    """Against the mean of both, to terms of the next order; and its derivative is that of the shape."""
+    sigma = math.sqrt(blur**2 + share * (1.0 - share))
+    sixth = share * (1.0 - share) * (2.0 * share - 1.0) / sigma**3 / 6.0
+    blurs = np.tile([[1.0 / sigma], [sixth]], 9)
+    rows = np.empty((3, 2, 9))
+    for row, shift in zip(rows, (0.0, -1e-4, 1e-4)):
+        _step_rows(at + shift, contrast, blurs, row[0], row[1])
+    t = np.arange(9.0) - at
+    exact = (1.0 - share) * ndtr((t - share) / blur) + share * ndtr((t + 1.0 - share) / blur)
+    spread = share * (1.0 - share) / sigma**2
+    np.testing.assert_allclose(rows[0, 1], exact, atol=0.1 * spread / sigma**2 + 1e-6)
+    np.testing.assert_allclose(rows[0, 0], contrast * (rows[2, 1] - rows[1, 1]) / 2e-4, atol=2e-5 * contrast + 2e-3)

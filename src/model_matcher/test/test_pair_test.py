@@ -12,8 +12,9 @@ from model_matcher.geometry.features import DataFeatures, FeatureRows
 from model_matcher.geometry.pair_bounds import margins_of, model_relations, pair_fits, possible, relation
 from model_matcher.interpretation_tree.tables import build_tables
 from model_matcher.model.index import data_tolerances, feature_rows
-from model_matcher.proof.arc_consistency import Groups, Nodes, forward_check, listed, no_ranges, pair_test, revise
+from model_matcher.proof.arc_consistency import Nodes, forward_check, listed, no_ranges, pair_test, revise
 from model_matcher.proof.feasibility import Sample
+from model_matcher.proof.spares import Groups
 
 NAMES = ('chair', 'plug', 'lamp', 'tubes', 'wedge', 'cylinder_box')
 
@@ -77,5 +78,5 @@ def passes_every_pairwise_test(rng, index, data, params, pose, least):
         left = forward_check(node, others, nothing, supporters, Nodes(nodes_a, nodes_i), groups, test, own)
         assert left.tolist() == others.tolist()
     for a in np.unique(nodes_a):
-        revise(a, np.delete(np.arange(len(data)), a), test, lists, counts, supporters, len(index))
+        revise(a, np.delete(np.arange(len(data)), a), test, lists, counts, supporters)
         assert set(nodes_i[nodes_a == a]) <= set(lists[a, : counts[a]])

@@ -25,6 +25,7 @@ from model_matcher.proof.feasibility import (
     refute,
     search_rotations,
 )
+from model_matcher.proof.spares import Groups
 from msgs_py import BIN, Pose
 from msgs_py.numeric.deadline import Deadline
 
@@ -162,6 +163,11 @@ def tight_pairings(seed, name):
     return some_pairings(seed, name, scale=0.4 + 0.05 * seed)
 
 
+def none_left_out(sample):
+    """No groups of which a feature is known to be left out."""
+    return Groups(np.full(len(sample.data), -1), np.zeros(0, np.int64))
+
+
 # Radians: the region about the truth in which poses are looked for.
 NEAR = 0.06
 
@@ -204,7 +210,7 @@ def test_what_may_join_a_set_is_what_shares_a_pose_with_it(seed):
     few = np.argsort(-problem.rows[:, 6])[:4]
     others_a = np.repeat(a, 5)
     others_i = np.random.default_rng(seed).integers(0, len(problem.index), len(others_a))
-    allowed = can_join(motion, NEAR, a[few], i[few], others_a, others_i, 0, sample)
+    allowed = can_join(motion, NEAR, a[few], i[few], others_a, others_i, 0, none_left_out(sample), sample)
     for k in range(len(others_a)):
         together = refuted(problem, np.append(a[few], others_a[k]), np.append(i[few], others_i[k]), motion)[0]
         assert allowed[k] or together != FEASIBLE
@@ -258,7 +264,7 @@ def test_a_region_keeps_every_pose_that_explains_its_pairings(seed, share):
     start = turned_by(truth, share * turn * axis / np.linalg.norm(axis), problem.rows[a, :3].mean(axis=0))
     assert refuted(problem, a, i, start, turn)[0] != INFEASIBLE
     assert search_rotations(start.copy(), turn, a, i, sample) != INFEASIBLE
-    assert can_join(start, turn, a[:-1], i[:-1], a[-1:], i[-1:], 0, sample).all()
+    assert can_join(start, turn, a[:-1], i[:-1], a[-1:], i[-1:], 0, none_left_out(sample), sample).all()
     narrowed = start.copy()
     smaller = narrow_in_parts(narrowed, turn, a, i, sample)
     assert 0.0 <= smaller <= turn

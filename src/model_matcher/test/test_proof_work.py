@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from model_matcher import MatchParams, index_model
-from model_matcher.closed_form.synthetic.scenes import MODELS
+from model_matcher.closed_form.synthetic.scenes import MODELS, make_scene
 from model_matcher.closed_form.synthetic.strained import strained_scene
 from model_matcher.model.problem import make_problem
 from model_matcher.proof.arc_consistency import listed
@@ -24,29 +24,29 @@ CASES = (
     (1, 3, 0.6, 4, 3, 11),
     (1, 3, 0.3, 0, 1, 5),
     (3, 3, 1.0, 4, 1, 4),
-    (3, 2, 0.6, 0, 7, 13),
-    (4, 3, 0.6, 4, 3, 5),
+    (3, 2, 0.6, 0, 14, 13),
+    (4, 3, 0.6, 4, 6, 5),
     (4, 2, 0.3, 4, 2, 16),
     (5, 5, 0.3, 6, 2, 7),
-    (5, 4, 0.3, 6, 3, 24),
-    (10, 6, 0.6, 0, 1, 7),
-    (11, 4, 0.6, 0, 2, 12),
-    (16, 4, 0.6, 5, 5, 28),
-    (17, 3, 0.6, 0, 4, 28),
-    (17, 2, 0.6, 3, 9, 28),
+    (5, 4, 0.3, 6, 5, 24),
+    (10, 6, 0.6, 0, 0, 7),
+    (11, 4, 0.6, 0, 10, 12),
+    (16, 4, 0.6, 5, 11, 28),
+    (17, 3, 0.6, 0, 12, 28),
+    (17, 2, 0.6, 3, 14, 28),
     (20, 2, 0.6, 0, 4, 6),
     (24, 2, 0.6, 0, 6, 14),
     (33, 3, 0.6, 4, 4, 19),
     (34, 4, 0.6, 0, 5, 25),
     (38, 2, 0.6, 3, 4, 14),
     (39, 2, 0.3, 0, 5, 10),
-    (40, 2, 0.6, 3, 22, 28),
+    (40, 2, 0.6, 3, 5, 28),
     (46, 4, 0.3, 0, 6, 11),
-    (46, 3, 0.3, 4, 16, 26),
+    (46, 3, 0.3, 4, 23, 26),
     (50, 3, 0.3, 5, 5, 6),
-    (52, 2, 0.3, 0, 10, 17),
-    (55, 3, 0.3, 0, 5, 17),
-    (59, 4, 0.6, 0, 7, 22),
+    (52, 2, 0.3, 0, 12, 17),
+    (55, 3, 0.3, 0, 0, 17),
+    (59, 4, 0.6, 0, 6, 22),
 )
 
 
@@ -73,6 +73,15 @@ def test_what_is_too_near_is_left_open():
     assert not proof.proven and proof.reason == 'some pairings are too near their tolerances to decide on'
 
 
+@pytest.mark.compiled
+def test_of_the_plug_hardly_more_pairings_are_left_than_features():
+    """Its short edges fit nearly anywhere alone; those of every other feature together leave one or two."""
+    model = MODELS['plug']()
+    scene = make_scene(model, 0, clutter=0.5)
+    proof = prove(index_model(model, 'plug'), scene.data, 43, MatchParams(), Deadline(60.0))
+    assert proof.proven and proof.nodes <= 2 and proof.pairings <= 66
+
+
 def test_lists_have_the_true_columns():
     lists, counts = listed(np.array([[False, True, True], [True, False, False], [False, False, False]]))
     assert counts.tolist() == [2, 1, 0] and lists[0, :2].tolist() == [1, 2] and lists[1, 0] == 0
@@ -85,17 +94,17 @@ class TestTree:
         model = MODELS['l_shape']()
         return BranchAndBound(make_problem(index_model(model), model, MatchParams()), most, Deadline(60.0))
 
-    def test_groups_are_disjoint_and_two_of_each_cross(self):
-        tree = self.tree()
-        groups = tree.groups(np.arange(18), 4)
+    def test_groups_are_disjoint_and_each_fixes_a_pose(self):
+        tree, alike = self.tree(), np.ones(18, np.int64)
+        groups = tree.groups(np.arange(18), alike, 4)
         assert [len(group) for group in groups] == [4, 4, 4, 3], 'in turns, while there are enough for all'
         every = [a for group in groups for a in group]
         assert len(set(every)) == len(every) == 15
         lines = tree.sample.data[:, 3:6]
         for group in groups:
-            assert np.linalg.norm(np.cross(lines[group[0]], lines[group[1]])) > 0.9
-        assert tree.groups(np.array([4, 7]), 2) == [[4], [7]]
-        assert tree.groups(np.array([0]), 1) == [[0]]
+            assert np.linalg.svd(lines[group])[1][1] > 0.9, 'not all of them parallel'
+        assert tree.groups(np.array([4, 7]), alike[:2], 2) == [[4], [7]]
+        assert tree.groups(np.array([0]), alike[:1], 1) == [[0]]
 
     def test_an_interpretation_is_kept_when_it_is_larger_and_fits(self):
         tree = self.tree(most=17)

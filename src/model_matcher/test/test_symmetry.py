@@ -5,7 +5,7 @@ import pytest
 
 from model_matcher import index_model, match
 from model_matcher.closed_form.synthetic.scenes import box, chipped_block, l_shape, lattice, prism, random_pose, tubes
-from model_matcher.model.symmetry import symmetric_poses, symmetries
+from model_matcher.model.symmetry import distinct_pairs, symmetric_poses, symmetries
 from msgs_py import FeatureSet, Pose
 
 
@@ -29,6 +29,20 @@ def regular(sides, radius=0.05, depth=0.03):
 )
 def test_the_order_of_the_group(model, order):
     assert len(symmetries(index_model(model))) + 1 == order
+
+
+@pytest.mark.parametrize(
+    ('model', 'order'),
+    [(box((0.05, 0.05, 0.05)), 24), (box((0.05, 0.05, 0.08)), 8), (box((0.03, 0.05, 0.08)), 4), (l_shape(), 1)],
+)
+def test_of_the_pairs_that_a_symmetry_makes_equal_one_is_searched(model, order):
+    index = index_model(model)
+    some, table = distinct_pairs(index), index.pair_table
+    assert order * len(some.members) == len(table.members)
+    assert some.starts[-1] == len(some.members)
+    np.testing.assert_allclose(
+        np.unique(some.values[:, :2].round(9), axis=0), np.unique(table.values[:, :2].round(9), axis=0)
+    )
 
 
 def test_mirror_symmetry_is_no_symmetry_but_the_turn_of_a_mirrored_outline_is():

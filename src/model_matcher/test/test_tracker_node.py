@@ -1,6 +1,7 @@
 """tracker_node over real topics: images and interpretations in, poses out; lost, found again, reset, clock set back."""
 
 import os
+import shutil
 import sys
 import time
 from pathlib import Path
@@ -20,6 +21,9 @@ from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
+from csg_renderer.language.includes import models_folder  # noqa: E402
+from model_matcher.catalogue.folder import update_catalogue  # noqa: E402
+from model_matcher.closed_form.synthetic.scenes import random_polyhedron  # noqa: E402
 from model_matcher.tracker_node import TrackerNode  # noqa: E402
 from msgs_py import Interpretation  # noqa: E402
 from msgs_py.codecs import (  # noqa: E402
@@ -39,10 +43,11 @@ SIDES = ('left', 'right')
 class Bench:
     """A tracker_node, and a node that publishes what it needs and hears all that it says."""
 
-    def __init__(self, domain):
+    def __init__(self, domain, model='l_shape', found=()):
+        """model : parameter models; found : models that are not known before they are found."""
         self.context = Context()
         rclpy.init(args=[], context=self.context, domain_id=domain)
-        models = Parameter('models', Parameter.Type.STRING_ARRAY, ['l_shape'])
+        models = Parameter('models', Parameter.Type.STRING_ARRAY, [model])
         self.node = TrackerNode(context=self.context, parameter_overrides=[models])
         self.other = Node('observer', context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
@@ -55,12 +60,12 @@ class Bench:
         self.infos = [self.other.create_publisher(CameraInfo, f'{side}/camera_info', 5) for side in SIDES]
         self.found = self.other.create_publisher(DiagnosticArray, 'interpretations/report', 5)
         self.start = self.other.create_publisher(PoseWithCovarianceStamped, 'track/l_shape', 5)
-        outs = (*self.pictures, *self.infos, self.found, self.start)
+        outs = (*self.pictures, *self.infos, self.found, *([] if found else [self.start]))
         self.wait(
             lambda: (
                 all(out.get_subscription_count() == 1 for out in outs)
                 and self.node.count_subscribers('tracked/report') == 1
-                and self.other.count_publishers('tracked/l_shape') == 1
+                and self.other.count_publishers('tracked/l_shape') == (0 if found else 1)
                 and not self.node.compiling
             ),
             120.0,
@@ -86,12 +91,13 @@ class Bench:
         for out, picture in zip(self.pictures, images(solid, shape, poses, seed=frame)):
             out.publish(array_to_image(picture, 'mono8', header))
         self.wait(lambda: any(report.header.stamp == header.stamp for report in self.reports))
-        return next(report for report in self.reports if report.header.stamp == header.stamp).status[0]
+        status = next(report for report in self.reports if report.header.stamp == header.stamp).status
+        return status[0] if status else None
 
-    def tell(self, frame, pose):
+    def tell(self, frame, pose, name='l_shape'):
         """Publish where the matcher found the part in a frame."""
         covariance = np.diag([1e-6] * 3 + [1e-4] * 3)
-        one = Interpretation('l_shape', [0], [1], pose, covariance=covariance)
+        one = Interpretation(name, [0], [1], pose, covariance=covariance)
         self.found.publish(report_from_interpretations([one], self.header(frame)))
 
     def close(self):
@@ -178,3 +184,23 @@ def test_models_without_a_solid_are_named(bench, tmp_path):
     assert bench.node.set_parameters([Parameter('models', value=[path])])[0].successful
     assert 'cannot be followed' in bench.node.health.last_error
     assert 'no model can be followed' in bench.node.why_silent()
+
+
+def test_a_part_of_an_index_is_known_from_its_first_pose_on(tmp_path):
+    shutil.copy(Path(str(models_folder())) / 'l_shape.csg', tmp_path / 'l_shape.csg')
+    random_polyhedron(3).save(tmp_path / 'wires.npz')
+    update_catalogue(tmp_path, tmp_path / 'models.index')
+    bench = Bench(70, str(tmp_path / 'models.index'), found=('l_shape',))
+    try:
+        assert bench.show(0, [moving(0)]) is None and bench.node.why_silent() is None
+        for name, problem in (('stranger', 'stranger is found, which'), ('wires', 'wires: no solid is known of it')):
+            bench.tell(0, moving(0), name)
+            bench.wait(lambda: problem in bench.node.health.last_error)  # noqa: B023
+        bench.tell(0, moving(0))
+        bench.wait(lambda: bench.node._followed)
+        status = bench.show(1, [moving(1)])
+        assert status.level == DiagnosticStatus.OK and status.name == 'l_shape'
+        assert bench.node.report_values()['models'] == 'l_shape of the 2 of an index'
+        bench.wait(lambda: bench.poses)
+    finally:
+        bench.close()

@@ -7,6 +7,7 @@ from .camera import PinholeCamera, StereoRig
 from .camera_rig import CameraRig
 from .features import FeatureKind, FeatureSet
 from .interpretation import BIN, Interpretation
+from .lens import LensDistortion
 from .pose import Pose, PoseError
 
 __all__ = [
@@ -15,6 +16,7 @@ __all__ = [
     'FeatureKind',
     'FeatureSet',
     'Interpretation',
+    'LensDistortion',
     'PinholeCamera',
     'Pose',
     'PoseError',

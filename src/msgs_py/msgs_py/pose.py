@@ -212,15 +212,15 @@ class Pose:
 
     def inverse(self) -> Pose:
         """The pose that takes points back: ``target_T_source.inverse()`` is ``source_T_target``."""
-        rotation = self.rotation.T
-        return Pose(rotation, -(rotation @ self.translation) / self.scale, 1.0 / self.scale)
+        rotation = self.rotation.T.copy()
+        return _made(rotation, -(rotation @ self.translation) / self.scale, 1.0 / self.scale)
 
     def compose(self, other: Pose) -> Pose:
         """``a_T_b.compose(b_T_c)`` is ``a_T_c``: other is applied first."""
         rotation = self.rotation @ other.rotation
         # Long chains would drift away from orthonormal; one step of Newton's polar iteration holds them there.
         rotation = 1.5 * rotation - 0.5 * rotation @ rotation.T @ rotation
-        return Pose(rotation, self.apply(other.translation), self.scale * other.scale)
+        return _made(rotation, self.apply(other.translation), self.scale * other.scale)
 
     def error_to(self, other: Pose) -> PoseError:
         """How far ``other`` is from this pose; angle and distance are the same in both directions."""
@@ -252,6 +252,15 @@ class Pose:
             f'Pose(rotation_vector_deg=[{rv[0]:.4g}, {rv[1]:.4g}, {rv[2]:.4g}], '
             f'translation=[{t[0]:.6g}, {t[1]:.6g}, {t[2]:.6g}]{scale})'
         )
+
+
+def _made(rotation: FloatArray, translation: FloatArray, scale: float) -> Pose:
+    """A pose made of poses: that it is one need not be looked at again, which takes as long as all the rest."""
+    pose = object.__new__(Pose)
+    object.__setattr__(pose, 'rotation', rotation)
+    object.__setattr__(pose, 'translation', translation)
+    object.__setattr__(pose, 'scale', scale)
+    return pose
 
 
 def _departure(rotation: FloatArray) -> tuple[float, float]:

@@ -6,6 +6,15 @@ from __future__ import annotations
 RECTIFIED_TOLERANCE = 1e-6
 # Largest element of R R^T - I of a rotation matrix that is accepted; a larger one is no rounding error.
 ORTHONORMAL_TOLERANCE = 1e-6
+# Models of distortion and how many coefficients each has (sensor_msgs/distortion_models, OpenCV's order).
+LENS_COEFFICIENTS = {'plumb_bob': 5, 'rational_polynomial': 8, 'equidistant': 4}
+# Radius of the image plane beyond which no ray is followed, tan 89 degrees: one at 90 has no place in it.
+WIDEST_RAY = 57.29
+# Radii in the table from which Newton's method starts to invert a lens, and its steps: three reach rounding, the rest
+# is for places next to a fold.
+LENS_TABLE, LENS_STEPS = 2048, 6
+# What is left of the inverse's error when it has arrived: rounding, far below a millionth of a pixel.
+LENS_ROUNDING = 1e-9
 # Shortest norm of a quaternion that still has a direction; shorter ones are message fields that were never set.
 SHORTEST_QUATERNION = 1e-12
 # How many sigma err_par and err_per of a feature are.

@@ -18,7 +18,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointField
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
-from msgs_py import FeatureSet, Interpretation, PinholeCamera, Pose, StereoRig, codecs
+from msgs_py import FeatureSet, Interpretation, LensDistortion, PinholeCamera, Pose, StereoRig, codecs
 from msgs_py.numeric.covariances import upper_triangles
 
 fast = settings(max_examples=40, deadline=None)
@@ -153,6 +153,14 @@ class TestCameraInfo:
         back = codecs.rig_from_camera_infos(*infos)
         assert back.left == rig.left and back.right == rig.right
         assert back.baseline == pytest.approx(baseline, rel=1e-12)
+
+    def test_a_raw_pair_says_what_its_lenses_do(self):
+        rig = StereoRig.symmetric(PinholeCamera.centred(64, 64, 100.0), 0.1)
+        lens = LensDistortion('equidistant', (0.1, 0.2, 0.3, 0.4))
+        left, right = codecs.camera_infos_from_rig(rig, HEADER, (lens, None))
+        assert left.distortion_model == 'equidistant' and list(left.d) == [0.1, 0.2, 0.3, 0.4]
+        assert right.distortion_model == 'plumb_bob' and list(right.d) == [0.0] * 5
+        assert codecs.rig_from_camera_infos(left, right) == rig
 
     @pytest.mark.parametrize(
         ('offset', 'text'), [(0.0, 'baseline is missing'), (35.0, 'wrong sign'), (np.nan, 'NaN'), (-np.inf, 'infinity')]

@@ -17,7 +17,7 @@ from msgs_py import FeatureKind, PinholeCamera, Pose, StereoRig
 from msgs_py.camera import ImageWindow
 from msgs_py.codecs import array_to_image, features_to_cloud, features_to_markers
 from msgs_py.node_runtime.beside import CHANGED_GRACE_S, ENDING_S, LOOK_S, Beside
-from msgs_py.node_runtime.camera_input import SIDES, CameraConfig, CameraImages, CameraTopics
+from msgs_py.node_runtime.camera_input import SIDES, CameraConfig, CameraImages, CameraTopics, cameras_parameter
 from msgs_py.node_runtime.config import parameter
 from msgs_py.node_runtime.runtime import GraphNode, run_node
 from msgs_py.numeric.deadline import Deadline
@@ -30,7 +30,7 @@ from .matching.rig_error import AXES, RigError, mean_error
 from .matching.settings import CALIBRATION_ROW_SIGMA
 from .params import DETECTORS, LIMITS, RecoveryParams
 from .pipeline import Recovery, compile_steps, recover
-from .settings import MOST_CAMERAS, RIG_PAIRS, RIG_PERIOD_S
+from .settings import RIG_PAIRS, RIG_PERIOD_S
 
 DEFAULT = RecoveryParams()
 
@@ -39,13 +39,7 @@ DEFAULT = RecoveryParams()
 class RecoveryConfig(CameraConfig):
     """Parameters of recovery_node."""
 
-    cameras: int = parameter(
-        2,
-        'How many cameras there are; of three and more the topics are camera_0/image_rect, camera_0/camera_info, ...',
-        minimum=2,
-        maximum=MOST_CAMERAS,
-        read_only=True,
-    )
+    cameras: int = cameras_parameter(2)
     calibration: str = parameter(
         '',
         'File that says where three cameras and more stand; empty: parallel ones, as P of their camera_info says',
@@ -179,7 +173,7 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
         self._reason = ''
         self._counts: dict[str, object] = {}
         self._rig_errors: deque[RigError] = deque(maxlen=RIG_PAIRS)
-        source = 'stereo pair' if self.config.cameras == 2 else 'set of images'
+        source = CameraTopics.of(self.config, self.config.cameras).source
         self._work = Beside(self, source, self._begin, self._publish)
         self._rig_looked_at = 0.0
         self.start()

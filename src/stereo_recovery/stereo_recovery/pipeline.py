@@ -282,7 +282,7 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     shapes = recover_curved_shapes(matches, segments, ellipses, stereo_edgels, late)
     watch.stage('curves')
     every = all_views(seen, rows.sigma, further, rig)
-    late = watch.late_after(EDGES_SHARE, 'edges: parallel groups and what corners match')
+    late = watch.late_after(EDGES_SHARE, 'edges: parallel groups')
     if strips is not None:
         strips.rows = rows
     beside = Beside(rig, rows.sigma, shapes.reported, strips, every.views, late)
@@ -290,7 +290,7 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     lines, line_segments = _straight_lines(shown, shapes, beside)
     watch.stage('lines')
     in_space = to_space(lines, line_segments[0], rig)
-    kept = is_edge(lines, in_space, line_segments, shapes, params.min_length, rig)
+    kept = is_edge(lines, in_space, line_segments, shapes.curves, params.min_length)
     curves = oriented_by_faces(shapes.reported, in_space.ends[kept], in_space.err_per[kept])
     in_space = with_rig_error(in_space, COLUMNS_OVER_ROWS * rows.sigma, rig)
     parts = EdgesInSpace(*join_parts(in_space.ends[kept], in_space.covariance[kept], rig, pair.views[0].grey))

@@ -98,9 +98,6 @@ def test_the_covariance_of_both_ends_is_that_of_ends_between_noisy_lines(slope, 
         line_covariance(left, index),
         own.covariance_with_line(covariance),
         np.full((count, 2), 0.2),
-        np.ones((count, 2), bool),
-        np.zeros(count, bool),
-        np.ones(count),
     )
     found = to_space(lines, left, rig)
     off = found.ends - rig.triangulate(left_points, right_points[:, 0])
@@ -144,9 +141,6 @@ def test_ends_of_an_edge_that_recedes_are_uncertain_along_it_as_its_depth_is(slo
             np.full((1, 2, 2), 1e-12) * np.eye(2),
             np.zeros((1, 2, 2)),
             np.full((1, 2), sigma_s),
-            np.ones((1, 2), bool),
-            np.zeros(1, bool),
-            np.ones(1),
         )
 
     stated = to_space(lines(100.0, slope, left.extent[0]), left, rig)

@@ -125,6 +125,13 @@ def test_the_camera_of_an_ideal_pair_is_one_file(tmp_path):
     )
     rig = load_rig(tmp_path / 'left.json', SIZE)
     assert rig.baseline == pytest.approx(0.05) and (rig.left.width, rig.left.fx, rig.left.cy) == (64, 70.0, 23.5)
+    (tmp_path / 'raw.json').write_text(
+        '{"K": [[70, 0, 31.5], [0, 70, 23.5], [0, 0, 1]], "baseline": 0.05, '
+        '"distortion_model": "equidistant", "D": [0.1, 0, 0, 0]}'
+    )
+    assert {(c.distortion_model, *c.d) for c in load_cameras(tmp_path / 'raw.json', SIZE)} == {
+        ('equidistant', 0.1, 0.0, 0.0, 0.0)
+    }
 
 
 @pytest.mark.parametrize(

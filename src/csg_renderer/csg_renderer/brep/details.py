@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -18,7 +20,9 @@ from .settings import (
     APEX_DISTANCE,
     APEX_POINTS,
     BOX_POINTS,
+    QUADRATURE_ERROR,
     SAME_VERTEX,
+    SHORTEST_RANGE,
     VOLUME_ROUNDING,
     VOLUME_SAMPLES,
     VOLUME_SIGMAS,
@@ -188,20 +192,39 @@ def _outlines(anatomy: Anatomy) -> tuple[list[Outline], Branches, int]:
                 steps = weight[:, None] * anatomy.direction[line]
                 ends = anatomy.point[line] + np.array([[low], [high]]) * anatomy.direction[line]
             else:
-                t, weight = quadrature(low, high)
+                curve = partial(anatomy.space_curves.steps, int(pieces.curve[j]))
                 if k == 1:
-                    conic = anatomy.conic[pieces.curve[j]]
-                    nodes, steps = _conic_steps(conic, t, weight)
-                    ends = _conic_steps(conic, np.array([low, high]), np.ones(2))[0]
-                else:
-                    nodes, steps = anatomy.space_curves.steps(int(pieces.curve[j]), t, weight)
-                    ends = anatomy.space_curves.points(int(pieces.curve[j]), np.array([low, high]))
+                    curve = partial(_conic_steps, anatomy.conic[pieces.curve[j]])
+                ends = curve(np.array([low, high]), np.ones(2))[0]
+                nodes, steps = _curve_quadrature(curve, low, high)
             if not (np.isfinite(ends).all() and np.isfinite(nodes).all()):
                 continue  # next to infinity, where a nearly flat quadric can put a crossing
             outlines.append(
                 Outline(ends[0], ends[1], nodes, steps, pieces.middle[j], pieces.tangent[j], rows[start + j])
             )
     return outlines, branches, int(offset[1])
+
+
+def _curve_quadrature(
+    curve: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]], low: float, high: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points and differentials (n, 3) of a curve for integrals along it.
+
+    The differentials of a piece must add up to the way between its ends. Where they do not, as on a hyperbola's branch
+    that comes from far away, the piece is halved.
+    """
+    nodes, steps, waiting = [], [], [(low, high)]
+    while waiting:
+        a, b = waiting.pop()
+        points, differentials = curve(*quadrature(a, b))
+        ends = curve(np.array([a, b]), np.ones(2))[0]
+        missed = np.abs(ends[1] - ends[0] - differentials.sum(axis=0)).max()
+        if missed > QUADRATURE_ERROR and b - a > SHORTEST_RANGE:
+            waiting += [(0.5 * (a + b), b), (a, 0.5 * (a + b))]
+        else:
+            nodes.append(points)
+            steps.append(differentials)
+    return np.concatenate(nodes), np.concatenate(steps)
 
 
 def _conic_steps(conic: np.ndarray, t: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

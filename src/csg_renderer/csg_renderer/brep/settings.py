@@ -134,6 +134,10 @@ ON_AXIS = 1e-20
 # Nodes of Gauss-Legendre quadrature, and the longest range for which they are exact to rounding, radians.
 QUADRATURE_NODES = 16
 QUADRATURE_RANGE = 0.8
+# What the differentials of a curve may miss of the way between its ends, in sizes of the solid, and the shortest range
+# that is halved for it: beyond, a curve comes from infinity.
+QUADRATURE_ERROR = 1e-8
+SHORTEST_RANGE = 1e-6
 # Distance from a vertex at which curves that touch there are told apart, as a part of the nearest node's.
 CORNER_REACH = 0.1
 # How far beside its border a curved face is looked for, unit frame.

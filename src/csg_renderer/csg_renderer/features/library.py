@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -12,14 +12,19 @@ from msgs_py import FeatureSet, Pose
 
 from ..brep.model_features import model_features
 from ..language import load_placements
+from ..mesh.files import MESH_SUFFIXES, read_mesh
 from ..visibility.outline import SolidOutline
-from .mesh_features import MESH_SUFFIXES, features_from_mesh, mesh_features, read_mesh
+from .mesh_outline import MeshOutline
 from .mesh_units import MeshUnit, mesh_unit
 from .settings import WORKING_DISTANCE
 
 SCENE_SUFFIX = '.csg'
 FEATURE_SUFFIX = '.npz'
 MODEL_SUFFIXES = (SCENE_SUFFIX, FEATURE_SUFFIX, *MESH_SUFFIXES)
+
+
+# What is known of a model besides its features: what a camera sees of it.
+ModelOutline: TypeAlias = SolidOutline | MeshOutline
 
 
 class KnownModel(NamedTuple):
@@ -29,8 +34,8 @@ class KnownModel(NamedTuple):
     ----------
     features : FeatureSet
         Model frame, metres.
-    outline : SolidOutline, optional
-        What cameras see of it; None of a mesh or a feature file.
+    outline : SolidOutline or MeshOutline, optional
+        What cameras see of it; None of a feature file.
     unit : MeshUnit, optional
         Of a mesh, where ``mesh_units`` was asked for.
     frames : dict of str to Pose
@@ -38,7 +43,7 @@ class KnownModel(NamedTuple):
     """
 
     features: FeatureSet
-    outline: SolidOutline | None
+    outline: ModelOutline | None
     unit: MeshUnit | None = None
     frames: dict[str, Pose] = {}
 
@@ -109,11 +114,14 @@ def load_known_models(
     """
     suffix = Path(path).suffix.lower()
     if suffix in MESH_SUFFIXES:
-        if mesh_units is None:
-            return {Path(path).stem: KnownModel(features_from_mesh(path, scale=mesh_scale), None)}
+        if not 0.0 < mesh_scale < np.inf:
+            raise ValueError(f'mesh_scale: expected metres per unit > 0, got {mesh_scale}')
         vertices, triangles = read_mesh(path)
-        unit = mesh_unit(float(np.linalg.norm(np.ptp(vertices, axis=0))), mesh_units, distance)
-        return {Path(path).stem: KnownModel(mesh_features(unit.metres * vertices, triangles), None, unit)}
+        unit = None
+        if mesh_units is not None:
+            unit = mesh_unit(float(np.linalg.norm(np.ptp(vertices, axis=0))), mesh_units, distance)
+        outline = MeshOutline((mesh_scale if unit is None else unit.metres) * vertices, triangles)
+        return {Path(path).stem: KnownModel(outline.features, outline, unit)}
     if suffix == FEATURE_SUFFIX:
         return {Path(path).stem: KnownModel(FeatureSet.load(Path(path)), None)}
     return {

@@ -7,24 +7,22 @@ vertices of a facetted rim are taken to lie on the curve.
 from __future__ import annotations
 
 import os
-from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from msgs_py import FeatureSet
-from msgs_py.files import check_file
-from msgs_py.numeric.grouping import linked_groups
 from msgs_py.numeric.typed import FloatArray
 
 from ..brep.settings import WHOLE_TURN
 from ..brep.surfaces import cluster
+from ..mesh.files import read_mesh
 from .mesh_curves import Chain, FittedConic, chains, even_runs, fit_conic, split, straightened, turns
+from .mesh_facets import Facets
 from .settings import (
     COLLINEAR,
     CREASE_ANGLE,
     FLAT_FACE,
-    LARGEST_MESH,
     LONG_SEGMENT,
     MOST_CREASES,
     NORMAL_DECIMALS,
@@ -33,7 +31,47 @@ from .settings import (
     WELD,
 )
 
-MESH_SUFFIXES = ('.stl', '.obj', '.ply', '.off')
+
+class Rim(NamedTuple):
+    """A facetted circle or ellipse, or an arc of one.
+
+    Attributes
+    ----------
+    conic : FittedConic
+    points : (k + 1, 3) float64
+        Vertices along it, metres; the first is the last of a whole one.
+    sides : (c, 2) int
+        The triangles at every crease that it is made of, -1 for none.
+    """
+
+    conic: FittedConic
+    points: np.ndarray
+    sides: np.ndarray
+
+
+class Creases(NamedTuple):
+    """The creases of a mesh.
+
+    Attributes
+    ----------
+    ends : (n, 2, 3) float64
+        Of straight ones, metres.
+    rims : tuple of Rim
+    others : tuple of (k + 1, 3) float64
+        Points along those that are neither.
+    """
+
+    ends: np.ndarray
+    rims: tuple[Rim, ...]
+    others: tuple[np.ndarray, ...]
+
+
+class _Sorted(NamedTuple):
+    """Creases as they are found: straight ones with their triangles (2,); see :class:`Creases`."""
+
+    lines: list[tuple[np.ndarray, np.ndarray]]
+    rims: list[Rim]
+    others: list[np.ndarray]
 
 
 def features_from_mesh(
@@ -71,46 +109,6 @@ def features_from_mesh(
     return mesh_features(vertices * scale, triangles, crease_angle)
 
 
-def read_mesh(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and triangles of a mesh file.
-
-    Parameters
-    ----------
-    path : str or path-like
-
-    Returns
-    -------
-    vertices : (n, 3) float64
-        Units of the file.
-    triangles : (m, 3) int
-
-    Raises
-    ------
-    FileNotFoundError, ValueError
-        As :func:`features_from_mesh`.
-    """
-    file = Path(path)
-    if not file.is_file():
-        raise FileNotFoundError(f'{path}: no such file')
-    if file.suffix.lower() not in MESH_SUFFIXES:
-        raise ValueError(f'{path}: expected a mesh ({", ".join(MESH_SUFFIXES)}), got {file.suffix or "no suffix"}')
-    try:
-        import trimesh  # optional, and half a second of import that scene files do not need
-    except ImportError:
-        raise ValueError(f'{path}: meshes need the optional library trimesh (pip install trimesh)') from None
-    check_file(file, LARGEST_MESH)
-    try:
-        mesh: Any = trimesh.load(str(file), force='mesh', process=False)
-        vertices, triangles = np.array(mesh.vertices, float), np.array(mesh.faces, int)
-    except Exception as error:  # the loaders raise whatever a damaged file provokes
-        raise ValueError(f'{path}: not a readable mesh: {error}') from error
-    if not len(triangles) or not np.isfinite(vertices).all():
-        raise ValueError(f'{path}: expected a mesh of finite triangles, found {len(triangles)} triangles')
-    if not (triangles >= 0).all() or not (triangles < len(vertices)).all():
-        raise ValueError(f'{path}: expected triangles of its {len(vertices)} vertices, found others')
-    return vertices, triangles
-
-
 def mesh_features(vertices: np.ndarray, triangles: np.ndarray, crease_angle: float = CREASE_ANGLE) -> FeatureSet:
     """The matching features of a triangle mesh.
 
@@ -139,58 +137,49 @@ def mesh_features(vertices: np.ndarray, triangles: np.ndarray, crease_angle: flo
     >>> len(tetrahedron), tetrahedron.lengths.round(3).tolist()
     (6, [1.0, 1.0, 1.0, 1.414, 1.414, 1.414])
     """
-    size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    label, first = cluster(vertices, WELD * size)
-    points, triangles = vertices[first], label[triangles]
-    corner = points[triangles]
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    area = np.linalg.norm(normal, axis=1)
-    keep = area > (WELD * size) ** 2
-    triangles, normal = triangles[keep], normal[keep] / area[keep, None]
-    edges, sides = _edges(triangles)
-    facing = np.where(sides >= 0, sides, 0)
-    angle = np.arctan2(
-        np.linalg.norm(np.cross(normal[facing[:, 0]], normal[facing[:, 1]]), axis=1),
-        (normal[facing[:, 0]] * normal[facing[:, 1]]).sum(axis=1),
-    )
-    crease = (sides < 0).any(axis=1) | (angle > crease_angle)
-    facet = linked_groups(len(triangles), sides[~crease & (angle <= COLLINEAR)])
-    patch = linked_groups(len(triangles), sides[~crease])
-    bent = ~crease & (angle > COLLINEAR)
-    curved = np.zeros(facet.max(initial=0) + 1, bool)
-    curved[facet[sides[bent].ravel()]] = True
+    facets = Facets.of(vertices, triangles, crease_angle)
+    return features_of(facets, creases_of(facets))
 
-    rows = np.nonzero(crease)[0]
+
+def creases_of(facets: Facets) -> Creases:
+    """The creases of a mesh, merged and fitted.
+
+    Raises
+    ------
+    ValueError
+        It has more than an object with edges has.
+    """
+    rows = np.nonzero(facets.crease)[0]
     if len(rows) > MOST_CREASES:
         raise ValueError(f'the mesh has {len(rows)} creases, expected at most {MOST_CREASES}: is it a scan?')
-    lines: list[tuple[np.ndarray, np.ndarray]] = []
-    rims: list[tuple[FittedConic, np.ndarray]] = []
-    for chain in chains(edges[rows], points):
-        for part in split(chain, turns(chain) > crease_angle):
-            _sort_out(part, sides[rows], curved[facet], lines, rims)
-    axes = _axes(rims, patch, normal, points[triangles], size)
-    ends = _merged(lines, normal, size)
+    sides = facets.sides[rows]
+    found = _Sorted([], [], [])
+    for chain in chains(facets.edges[rows], facets.points):
+        for part in split(chain, turns(chain) > facets.crease_angle):
+            _sort_out(part, sides, facets.curved, found)
+    return Creases(_merged(found.lines, facets.normal, facets.size), tuple(found.rims), tuple(found.others))
+
+
+def features_of(facets: Facets, creases: Creases) -> FeatureSet:
+    """The matching features of a mesh with its creases: edges, then curves, then axes."""
+    rims = [(rim.conic, rim.sides) for rim in creases.rims]
+    axes = _axes(rims, facets.patch, facets.normal, facets.points[facets.triangles], facets.size)
     return FeatureSet.concatenate(
         [
-            FeatureSet.from_edges(ends[:, 0], ends[:, 1]),
-            _curves(rims, normal),
+            FeatureSet.from_edges(creases.ends[:, 0], creases.ends[:, 1]),
+            _curves(rims, facets.normal),
             FeatureSet.from_axes(axes[:, 0], axes[:, 1]),
         ]
     )
 
 
-def _sort_out(
-    chain: Chain,
-    sides: np.ndarray,
-    curved: np.ndarray,
-    lines: list[tuple[np.ndarray, np.ndarray]],
-    rims: list[tuple[FittedConic, np.ndarray]],
-) -> None:
-    """Add a chain without corners to straight lines and fitted curves; what is neither is left out.
+def _sort_out(chain: Chain, sides: np.ndarray, curved: np.ndarray, found: _Sorted) -> None:
+    """Add a chain without corners to straight lines, fitted curves, and what is neither.
 
     sides : (creases, 2) triangles at each crease; curved : (triangles,) bool, part of a round surface.
     """
     smooth, members = straightened(chain)
+    lines, rims = found.lines, found.rims
     if len(smooth.segment) == 1:
         lines.append((smooth.points, sides[members[0][0]]))
         return
@@ -210,16 +199,19 @@ def _sort_out(
             for part in parts
         ]
         if not all(fit is not None or line for fit, line in zip(fits, straight)):
-            continue  # a curve in no plane, whose pieces would be taken for arcs
+            # A curve in no plane, whose pieces would be taken for arcs.
+            found.others.append(run.points)
+            continue
         for part, fit in zip(parts, fits):
             if fit is None:
                 lines.append((part.points, sides[members[part.segment[0]][0]]))
             else:
-                rims.append((fit, sides[np.concatenate([members[k] for k in part.segment])]))
+                every = sides[np.concatenate([members[k] for k in part.segment])]
+                rims.append(Rim(fit, part.points, every))
 
 
 def _merged(lines: list[tuple[np.ndarray, np.ndarray]], normal: np.ndarray, size: float) -> np.ndarray:
-    """(n, 2, 3): straight creases, those joined that go straight on through a vertex between the same two planes."""
+    """Straight creases (n, 2, 3), those joined that go straight on through a vertex between the same two planes."""
     ends = np.array([points for points, _ in lines]).reshape(-1, 2, 3)
     planes = [
         sorted(tuple(np.round(normal[side], NORMAL_DECIMALS) + 0.0) if side >= 0 else (0.0, 0.0, 0.0) for side in sides)
@@ -328,20 +320,3 @@ def _rulings(
         if squares[1] > PATCH * squares[0] and squares[2] < PATCH**2 * squares[0]:
             out.append((conic.centre, axis[2]))
     return out
-
-
-def _edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Undirected edges (n, 2), and the two triangles (n, 2) at each, -1 where there is only one.
-
-    Of more than two triangles (parts that only touch there) the first two are taken.
-    """
-    every = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
-    owner = np.tile(np.arange(len(triangles)), 3)
-    order = np.lexsort((owner, every[:, 1], every[:, 0]))
-    every, owner = every[order], owner[order]
-    edges, start, count = np.unique(every, axis=0, return_index=True, return_counts=True)
-    sides = np.full((len(edges), 2), -1)
-    sides[:, 0] = owner[start]
-    more = count > 1
-    sides[more, 1] = owner[start[more] + 1]
-    return edges, sides

@@ -68,9 +68,6 @@ LEAST_LENGTH = 1e-12
 
 # -- meshes of others -------------------------------------------------------------------------------------------------
 
-# Bytes of the largest mesh file that is read, half a million triangles of binary STL: text takes trimesh a second for
-# every ten million bytes.
-LARGEST_MESH = 2**25
 # Creases of the largest mesh: a part with fifty bores of sixty facets a rim has some 6,000. Of 8,000 that run across
 # each other the chains take three seconds, and of more the square of that.
 MOST_CREASES = 8000
@@ -86,3 +83,21 @@ LEAST_SHARE, LARGEST_SHARE = 0.02, 2.0
 # Cosine of two axes, and difference of two radii as a part of the largest size, below which a primitive is neither
 # sheared nor squeezed: the rounding of transforms.
 SAME_SHAPE = 1e-9
+
+# -- outlines of meshes ------------------------------------------------------------------------------------------------
+
+# Steps of regula falsi to where a surface turns away from the eye along an edge of a facet; each gives half as many
+# digits again.
+CROSSING_TURNS = 6
+# Distance from a mesh, in its size, from which a point of it is seen: more than its vertices are welded over.
+CLEARANCE = 1e-5
+# How far above a facet a contour on it is looked at, in bulges of the surface: a facet of length h that turns by an
+# angle a bulges by h a / 8, and its end is h a / 2 above a ray that meets its middle at half that angle.
+CLEAR_OF_FACET = 4.0
+# How much of a ray, from its end, is not asked what hides a point there, in clearances: where parts only touch, a face
+# is in the corner between them.
+BEFORE_POINT = 10.0
+# Pieces at least in which the image of a curve is measured, so that points are spread evenly in perspective.
+WIRE_PIECES = 16
+# Sine of the angle between a contour and the line of sight below which the contour is seen end on.
+END_ON = 1e-3

@@ -13,8 +13,31 @@ from lark import Token, Transformer
 from .errors import Place
 
 TRANSFORMS = ('XROT', 'YROT', 'ZROT', 'SCALE', 'AT', 'MATRIX')
-PROPERTIES = ('COLOUR', 'AMBIENT', 'DIFFUSE', 'SPECULAR', 'SHININESS', 'REFLECT', 'TRANSPARENT', 'PAINT')
-STATEMENTS = ('DRAW', 'FRAME', 'LIGHT', 'AMBIENT', 'BACKGROUND', 'CAMERA', 'STEREO', 'DISPARITY', 'UNITS', 'INCLUDE')
+PROPERTIES = (
+    'COLOUR',
+    'AMBIENT',
+    'DIFFUSE',
+    'SPECULAR',
+    'SHININESS',
+    'REFLECT',
+    'TRANSPARENT',
+    'METAL',
+    'PAINT',
+    'TEXTURE',
+)
+STATEMENTS = (
+    'DRAW',
+    'FRAME',
+    'LIGHT',
+    'AMBIENT',
+    'BACKGROUND',
+    'ENVIRONMENT',
+    'CAMERA',
+    'STEREO',
+    'DISPARITY',
+    'UNITS',
+    'INCLUDE',
+)
 KEYWORDS = frozenset(
     (
         *TRANSFORMS,
@@ -102,12 +125,17 @@ class Negated:
 
 @dataclass(frozen=True)
 class Suffix:
-    """A transform or a surface property; ``bare`` when it was written without parentheses."""
+    """A transform or a surface property; ``bare`` when it was written without parentheses.
+
+    A TEXTURE has the path of its file without quotes, and the name of its mapping.
+    """
 
     place: Place
     word: str
     arguments: tuple[Expression, ...]
     bare: bool = False
+    path: str = ''
+    mapping: Name | None = None
 
 
 @dataclass(frozen=True)
@@ -161,12 +189,21 @@ class Frame:
 
 @dataclass(frozen=True)
 class Setting:
-    """LIGHT, AMBIENT, BACKGROUND, STEREO or DISPARITY; ``colour`` is the COLOUR of a light, or None."""
+    """LIGHT, AMBIENT, BACKGROUND, STEREO or DISPARITY; ``properties`` are those of a light."""
 
     place: Place
     word: str
     arguments: tuple[Expression, ...]
-    colour: tuple[Expression, ...] | None = None
+    properties: tuple[Suffix, ...] = ()
+
+
+@dataclass(frozen=True)
+class Environment:
+    """``ENVIRONMENT "path" (brightness, up)``, the path without its quotes."""
+
+    place: Place
+    path: str
+    arguments: tuple[Expression, ...]
 
 
 @dataclass(frozen=True)
@@ -193,7 +230,7 @@ class Include:
     path: str
 
 
-Statement: TypeAlias = Definition | Draw | Frame | Setting | Camera | Units | Include
+Statement: TypeAlias = Definition | Draw | Frame | Setting | Environment | Camera | Units | Include
 
 
 def _at(token: Token) -> Place:
@@ -225,9 +262,16 @@ class Build(Transformer):  # type: ignore[type-arg]
         return Frame(_at(c[0]), str(c[0]), tuple(c[1:]))
 
     def light(self, c: list[Any]) -> Setting:
-        """A light, from its position and, perhaps, its colour."""
-        colour = c[2][1] if len(c) == 3 else None
-        return Setting(c[0][0], 'LIGHT', c[0][1], colour)
+        """A light, from its position and, perhaps, its colour and radius."""
+        return Setting(c[0][0], 'LIGHT', c[0][1], tuple(c[1:]))
+
+    def property(self, c: list[Any]) -> Suffix:
+        """A property of a light: a word and its numbers; COLOR is COLOUR."""
+        return Suffix(_at(c[0]), {'COLOR': 'COLOUR'}.get(str(c[0]), str(c[0])), c[1][1])
+
+    def environment(self, c: list[Any]) -> Environment:
+        """What surrounds the scene, from its file and, perhaps, its brightness."""
+        return Environment(_at(c[0]), str(c[0])[1:-1], c[1][1] if len(c) > 1 else ())
 
     def ambient(self, c: list[Any]) -> Setting:
         """The light that comes from everywhere."""
@@ -281,6 +325,11 @@ class Build(Transformer):  # type: ignore[type-arg]
         arguments = c[len(words) :]
         name = {'COLOR': 'COLOUR'}.get(str(words[0]), ' '.join(words))
         return Suffix(_at(words[0]), name, arguments[0][1] if arguments else (), not arguments)
+
+    def texture(self, c: list[Any]) -> Suffix:
+        """A texture, from its file, the name of its mapping, and sizes."""
+        mapping = Name(_at(c[2]), str(c[2]))
+        return Suffix(_at(c[0]), 'TEXTURE', c[3][1], path=str(c[1])[1:-1], mapping=mapping)
 
     def arithmetic(self, c: list[Any]) -> Arithmetic:
         """Two operands and the sign between them."""

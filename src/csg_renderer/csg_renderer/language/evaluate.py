@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -10,14 +11,18 @@ from msgs_py import PinholeCamera, Pose
 from ..scene.scene import Light, Placement, Scene
 from ..scene.settings import DEFAULT_AMBIENT, DEFAULT_BACKGROUND
 from ..scene.solid import Empty
+from ..scene.textures import Environment
 from . import ast
 from .camera import CLAUSES, camera_of
 from .errors import Place, SceneError, did_you_mean
 from .expressions import Entry, Expressions
 from .includes import Includes
 from .parser import Broken, Source, Statement, parse_statements
-from .settings import MAX_ERRORS, MAX_PRIMITIVES
+from .settings import LARGEST, MAX_ERRORS, MAX_PRIMITIVES
 from .values import CONSTANTS, FUNCTIONS, UNITS, Shape, colour_of, length
+
+# What may stand behind the position of a LIGHT.
+LIGHT_PROPERTIES = ('COLOUR', 'RADIUS')
 
 
 @dataclass
@@ -29,6 +34,7 @@ class Drawing:
     # Names of objects, each with the last number that was put behind it.
     taken: dict[str, int] = field(default_factory=dict)
     lights: list[Light] = field(default_factory=list)
+    environment: Environment | None = None
     ambient: tuple[float, float, float] = DEFAULT_AMBIENT
     background: tuple[float, float, float] = DEFAULT_BACKGROUND
     camera: PinholeCamera | None = None
@@ -103,6 +109,7 @@ class Evaluator(Expressions):
             camera=drawing.camera,
             camera_T_scene=drawing.camera_T_scene,
             baseline=drawing.baseline,
+            environment=drawing.environment,
         )
 
     # -- statements ---------------------------------------------------------------------------------------------------
@@ -120,6 +127,8 @@ class Evaluator(Expressions):
             self._frame(node, main)
         elif isinstance(node, ast.Camera):
             self._camera(node)
+        elif isinstance(node, ast.Environment):
+            self._environment(node)
         else:
             self._setting(node)
 
@@ -221,14 +230,7 @@ class Evaluator(Expressions):
         drawing = self.drawing
         try:
             if node.word == 'LIGHT':
-                if len(numbers) != 3:
-                    raise ValueError(f'LIGHT takes 3 numbers (position x, y, z), got {len(numbers)}')
-                colour = (1.0, 1.0, 1.0)
-                if node.colour is not None:
-                    colour = colour_of('COLOUR', [self._number(argument) for argument in node.colour])
-                self.lengths_used = True
-                x, y, z = (length(n, self.per_metre, 'position') for n in numbers)
-                drawing.lights.append(Light((x, y, z), colour))
+                drawing.lights.append(self._light(node, numbers))
             elif node.word == 'AMBIENT':
                 self._only_once(node.word, node.place)
                 drawing.ambient = colour_of(node.word, numbers)
@@ -253,18 +255,59 @@ class Evaluator(Expressions):
         except ValueError as error:
             raise self._fail(node.place, str(error)) from None
 
+    def _check_clause(
+        self, statement: str, clause: ast.Suffix, known: Collection[str], said: Collection[str], between: str
+    ) -> None:
+        """That a statement knows a clause and has not had it; between : the known ones where they are listed."""
+        if clause.word not in known:
+            raise self._fail(
+                clause.place,
+                f'{statement} has no {clause.word!r}, expected {between.join(known)}',
+                did_you_mean(clause.word, known),
+            )
+        if clause.word in said:
+            raise self._fail(clause.place, f'{clause.word} stands twice in this {statement}')
+
+    def _light(self, node: ast.Setting, numbers: list[float]) -> Light:
+        """Raises ValueError with a message for the user."""
+        if len(numbers) != 3:
+            raise ValueError(f'LIGHT takes 3 numbers (position x, y, z), got {len(numbers)}')
+        self.lengths_used = True
+        x, y, z = (length(n, self.per_metre, 'position') for n in numbers)
+        said: dict[str, list[float]] = {}
+        for clause in node.properties:
+            self._check_clause('LIGHT', clause, LIGHT_PROPERTIES, said, ' or ')
+            said[clause.word] = [self._number(argument) for argument in clause.arguments]
+        colour = colour_of('COLOUR', said['COLOUR']) if 'COLOUR' in said else (1.0, 1.0, 1.0)
+        if 'RADIUS' not in said:
+            return Light((x, y, z), colour)
+        if len(said['RADIUS']) != 1:
+            raise ValueError(f'RADIUS takes 1 number, got {len(said["RADIUS"])}')
+        return Light((x, y, z), colour, length(said['RADIUS'][0], self.per_metre, 'radius'))
+
+    def _environment(self, node: ast.Environment) -> None:
+        self._only_once('ENVIRONMENT', node.place)
+        numbers = [self._number(argument) for argument in node.arguments]
+        try:
+            if len(numbers) not in (0, 1, 4):
+                raise ValueError(
+                    f'ENVIRONMENT takes 1 or 4 numbers (brightness, and what is up x, y, z), got {len(numbers)}'
+                )
+            image, path = self.includes.picture(node.path, self.path, 'ENVIRONMENT')
+            up = (numbers[1], numbers[2], numbers[3]) if len(numbers) == 4 else (0.0, -1.0, 0.0)
+            if numbers and not numbers[0] <= LARGEST:
+                raise ValueError(f'brightness: at most {LARGEST:g} makes sense, got {numbers[0]:g}')
+            if max(map(abs, up)) > LARGEST:
+                raise ValueError('up: the direction is too long')
+            self.drawing.environment = Environment(image, numbers[0] if numbers else 1.0, up, file=path)
+        except ValueError as error:
+            raise self._fail(node.place, str(error)) from None
+
     def _camera(self, node: ast.Camera) -> None:
         self._only_once('CAMERA', node.place)
         clauses: dict[str, list[float]] = {}
         for clause in node.clauses:
-            if clause.word not in CLAUSES:
-                raise self._fail(
-                    clause.place,
-                    f'CAMERA has no {clause.word!r}, expected {", ".join(CLAUSES)}',
-                    did_you_mean(clause.word, CLAUSES),
-                )
-            if clause.word in clauses:
-                raise self._fail(clause.place, f'{clause.word} stands twice in this CAMERA')
+            self._check_clause('CAMERA', clause, CLAUSES, clauses, ', ')
             counts, meaning = CLAUSES[clause.word]
             if len(clause.arguments) not in counts:
                 raise self._fail(

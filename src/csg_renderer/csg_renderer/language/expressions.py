@@ -9,14 +9,28 @@ from pathlib import Path
 
 import numpy as np
 
+from msgs_py.numeric.typed import FloatArray
+
 from ..scene.solid import Solid
+from ..scene.textures import MAPPINGS, Texture
 from . import ast
 from .errors import Place, SceneError, did_you_mean
 from .includes import Includes
 from .paint import paint_work
 from .parser import Source, Statement
 from .settings import FLATTENED, LARGEST_ELEMENT, MAX_PRIMITIVES, MAX_WORK
-from .values import CONSTANTS, FUNCTIONS, PRIMITIVES, UNITS, Shape, paint, primitive, terrain, transform
+from .values import (
+    CONSTANTS,
+    FUNCTIONS,
+    PRIMITIVES,
+    UNITS,
+    Shape,
+    paint,
+    primitive,
+    terrain,
+    texture_numbers,
+    transform,
+)
 
 Value = float | Shape
 
@@ -233,6 +247,9 @@ class Expressions:
                     matrix = transform(suffix.word, numbers, self.per_metre) @ matrix
                     moved = True
                     self._check_matrix(matrix)
+                elif suffix.mapping is not None:
+                    self._spend(shape.leaves, suffix)
+                    solid = self._textured(solid, suffix, suffix.mapping, numbers, matrix)
                 else:
                     if suffix.word.startswith('PAINT') and not suffix.bare and not numbers:
                         what = (
@@ -254,6 +271,22 @@ class Expressions:
             except ValueError as error:
                 raise self._fail(suffixes[0].place, str(error)) from None
         return matrix, Shape(solid, shape.leaves, shape.sheet)
+
+    def _textured(
+        self, solid: Solid, suffix: ast.Suffix, mapping: ast.Name, numbers: list[float], matrix: FloatArray
+    ) -> Solid:
+        """A solid that ``matrix`` will have moved, with a TEXTURE. Raises ValueError with a message for the user."""
+        if mapping.text.lower() not in MAPPINGS or not mapping.text.isupper():
+            words = [word.upper() for word in MAPPINGS]
+            raise self._fail(
+                mapping.place,
+                f'TEXTURE has no mapping {mapping.text!r}, expected {", ".join(words)}',
+                did_you_mean(mapping.text, words),
+            )
+        self.lengths_used = True
+        sizes, placement = texture_numbers(mapping.text, numbers, self.per_metre)
+        image, path = self.includes.picture(suffix.path, self.path, 'TEXTURE')
+        return solid.textured(Texture(image, mapping.text.lower(), sizes, path), placement @ matrix)
 
     @staticmethod
     def _check_matrix(matrix: np.ndarray) -> None:

@@ -1,14 +1,21 @@
-"""INCLUDE and TERRAIN: which file a path means, which files may be read, and no file inside itself."""
+"""Files that a scene names: which one a path means, which may be read, and no file inside itself."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+from msgs_py.numeric.typed import Float32Array
 
 from ..scene.height_files import HeightGrid, read_heights
+from ..scene.textures import ENVIRONMENT_SUFFIXES, TEXTURE_SUFFIXES, read_picture
 from .parser import Source
-from .settings import MAX_CHARACTERS, MAX_DEPTH, MAX_FILES, MAX_SCENE_HEIGHTS
+from .settings import MAX_CHARACTERS, MAX_DEPTH, MAX_FILES, MAX_SCENE_HEIGHTS, MAX_SCENE_TEXELS
+
+Read = TypeVar('Read')
 
 
 def models_folder() -> Path:
@@ -41,6 +48,7 @@ class Includes:
         self.done: dict[Path, Any] = {}
         self.grids: dict[Path, HeightGrid] = {}
         self.height_count = 0
+        self.pictures: dict[Path, Float32Array] = {}
 
     def open(self, written: str, includer: Path | None) -> tuple[Source, Path]:
         """The source of an included file. Raises ValueError with a message for the user."""
@@ -64,20 +72,39 @@ class Includes:
         """The heights of a file, and its path from the root. Raises ValueError with a message for the user."""
         path = self._find(written, includer, 'TERRAIN')
         if path not in self.grids:
-            if len(self.read) > MAX_FILES:
-                raise ValueError(f'more than {MAX_FILES} files')
-            # What is wrong with the file is told under the name that was written.
-            try:
-                self.grids[path] = read_heights(path)
-            except ValueError as error:
-                raise ValueError(f'{written}: {str(error).removeprefix(f"{path}: ")}') from None
-            self.read.append(path)
+            self.grids[path] = self._read(read_heights, path, written)
         grid = self.grids[path]
         self.height_count += grid.heights.size
         if self.height_count > MAX_SCENE_HEIGHTS:
             raise ValueError(f'the terrains of this scene have more than {MAX_SCENE_HEIGHTS} heights')
+        return grid, self._from_root(path)
+
+    def picture(self, written: str, includer: Path | None, word: str) -> tuple[Float32Array, str]:
+        """The picture of a TEXTURE or ENVIRONMENT, and its path from the root. Raises ValueError for the user."""
+        path = self._find(written, includer, word)
+        if path not in self.pictures:
+            suffixes = ENVIRONMENT_SUFFIXES if word == 'ENVIRONMENT' else TEXTURE_SUFFIXES
+            picture = self._read(partial(read_picture, suffixes=suffixes), path, written)
+            picture.flags.writeable = False
+            self.pictures[path] = picture
+        if sum(picture.size // 3 for picture in self.pictures.values()) > MAX_SCENE_TEXELS:
+            raise ValueError(f'the pictures of this scene have more than {MAX_SCENE_TEXELS} pixels')
+        return self.pictures[path], self._from_root(path)
+
+    def _read(self, reader: Callable[[Path], Read], path: Path, written: str) -> Read:
+        """What a file holds. What is wrong with it is told under the name that was written."""
+        if len(self.read) > MAX_FILES:
+            raise ValueError(f'more than {MAX_FILES} files')
+        try:
+            found = reader(path)
+        except (ValueError, OSError) as error:
+            raise ValueError(f'{written}: {str(error).removeprefix(f"{path}: ")}') from None
+        self.read.append(path)
+        return found
+
+    def _from_root(self, path: Path) -> str:
         folder = next(folder for folder in self._roots() if path.is_relative_to(folder))
-        return grid, path.relative_to(folder).as_posix()
+        return path.relative_to(folder).as_posix()
 
     def known(self, written: str, includer: Path | None) -> Any | None:
         """The names of a file that was included before, or None."""

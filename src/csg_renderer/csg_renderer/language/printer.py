@@ -15,6 +15,7 @@ import numpy as np
 from ..scene.scene import Placement, Scene
 from ..scene.solid import Empty, Operation, Primitive, Solid, Surface
 from ..scene.terrain import Terrain
+from ..scene.textures import Environment, Laid
 from .ast import KEYWORDS
 from .settings import DEEPEST, LONGEST, WIDTH
 from .values import CONSTANTS, FUNCTIONS
@@ -26,6 +27,7 @@ _PROPERTIES = (
     ('shininess', 'SHININESS'),
     ('reflection', 'REFLECT'),
     ('transparency', 'TRANSPARENT'),
+    ('roughness', 'METAL'),
 )
 _UNIT_CALLS = {
     'BLOCK': ('BLOCK', '{0}, {0}, {0}'),
@@ -115,11 +117,20 @@ class _Printer:
             self.lines.append(f'STEREO ({self.length(scene.baseline)});')
         self.lines.append(f'AMBIENT ({numbers(scene.ambient_light)});')
         self.lines.append(f'BACKGROUND ({numbers(scene.background)});')
+        self._environment(scene.environment)
         for light in scene.lights:
-            self.lines.append(
-                f'LIGHT ({", ".join(self.length(x) for x in light.position)}) COLOUR ({numbers(light.colour)});'
-            )
+            text = f'LIGHT ({", ".join(self.length(x) for x in light.position)}) COLOUR ({numbers(light.colour)})'
+            radius = f' RADIUS ({self.length(light.radius)})' if light.radius else ''
+            self.lines.append(text + radius + ';')
         self.lines.append('')
+
+    def _environment(self, environment: Environment | None) -> None:
+        if environment is None:
+            return
+        if not environment.file:
+            raise ValueError('scene: it has an environment that comes from no file, which ENVIRONMENT cannot say')
+        said = numbers((environment.brightness, *environment.up))
+        self.lines.append(f'ENVIRONMENT "{environment.file}" ({said});')
 
     def _draw(self, placement: Placement) -> None:
         name = self.names.get(id(placement.model)) or self._define(self._fresh(placement.name), placement.model)
@@ -197,18 +208,40 @@ class _Printer:
         if leaf.tints is not None:
             rows = [f'{self.length(row[0])}, {numbers(row[1:])}' for row in leaf.tints]
             text += f' PAINT HEIGHTS ({",  ".join(rows)})'
-        return text
+        if leaf.laid is None:
+            return text
+        if np.array_equal(leaf.laid.frame, leaf.own_frame):
+            return text + self._texture(leaf.laid)
+        # In its own frame the sheet is textured, and then it moves.
+        moves = self._moves(leaf.placement)
+        return f'{text.replace(f"{call} {moves}", call, 1)}{self._texture(leaf.laid, leaf.laid.frame)} {moves}'.rstrip()
 
     def _leaf(self, leaf: Primitive | Terrain) -> str:
         if isinstance(leaf, Terrain):
             return self._sheet(leaf)
-        call = self._sized(leaf)
-        if call is None:
-            word, pattern = _UNIT_CALLS[leaf.kind]
-            # A cylinder along z has its own x and y; undoing them is a change of signs and columns, hence exact.
-            own = np.diag([1.0, 1.0, 1.0, 1.0]) if leaf.kind in ('BLOCK', 'SPHERE') else UPRIGHT
-            call = f'{word} ({pattern.format(number(self.per_metre))}) {self._matrix(leaf.matrix @ np.linalg.inv(own))}'
-        return call + self._surface(leaf)
+        laid, surface = leaf.laid, self._surface(leaf)
+        # A picture that lies where the primitive stands is put on when it has been moved.
+        stays = laid is not None and not np.array_equal(laid.frame, leaf.matrix)
+        call = None if stays else self._sized(leaf)
+        if call is not None:
+            return call + surface + (self._texture(laid) if laid else '')
+        word, pattern = _UNIT_CALLS[leaf.kind]
+        # A cylinder along z has its own x and y; undoing them is a change of signs and columns, hence exact.
+        undone = np.linalg.inv(np.eye(4) if leaf.kind in ('BLOCK', 'SPHERE') else UPRIGHT)
+        call, moves = f'{word} ({pattern.format(number(self.per_metre))})', self._matrix(leaf.matrix @ undone)
+        if laid is None:
+            return f'{call} {moves}{surface}'
+        if stays:
+            return f'{call}{surface}{self._texture(laid, laid.frame @ undone)} {moves}'
+        return f'{call} {moves}{surface}{self._texture(laid)}'
+
+    def _texture(self, laid: Laid, placement: np.ndarray | None = None) -> str:
+        texture = laid.texture
+        if not texture.file:
+            raise ValueError('scene: it has a texture that comes from no file, which TEXTURE cannot say')
+        sizes = ', '.join(self.length(x) for x in texture.size)
+        placed = '' if placement is None else f',  {self._matrix(placement)[len("MATRIX (") : -1]}'
+        return f' TEXTURE "{texture.file}" {texture.mapping.upper()} ({sizes}{placed})'
 
     def _sized(self, leaf: Primitive) -> str | None:
         """The primitive by its sizes and AT, when that gives exactly this matrix."""

@@ -33,6 +33,8 @@ MAX_WORK = 40_000
 # Heights of all terrains of a scene, each as often as it is written, and colours by height of a terrain.
 MAX_SCENE_HEIGHTS = 20_000_000
 MAX_TINTS = 64
+# Pixels of all pictures of a scene (256 MB with what they are reduced to), each file counted once.
+MAX_SCENE_TEXELS = 2**24
 # Sizes beyond these, metres, are typing errors, and would only overflow later.
 SMALLEST, LARGEST = 1e-9, 1e9
 # Largest element of transforms combined, metres or 1: sizes of LARGEST scaled a thousandfold.

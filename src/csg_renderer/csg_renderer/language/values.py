@@ -15,6 +15,7 @@ import numpy as np
 from ..scene.height_files import HeightGrid
 from ..scene.solid import FACES, Primitive, Solid, Surface, colour
 from ..scene.terrain import Terrain, TerrainFile, checked_tints
+from ..scene.textures import MAPPINGS
 from .paint import paint_faces
 from .settings import DARKEST, LARGEST, LIGHTEST, MAX_TINTS, SMALLEST
 
@@ -149,6 +150,26 @@ def transform(word: str, numbers: list[float], per_metre: float) -> np.ndarray:
     return matrix
 
 
+# Numbers of a MATRIX.
+_MATRIX = 12
+
+
+def texture_numbers(word: str, numbers: list[float], per_metre: float) -> tuple[tuple[float, ...], np.ndarray]:
+    """Sizes (metres) of a TEXTURE of a mapping, and where it is placed, (4, 4). Raises ValueError for the user."""
+    counts = MAPPINGS[word.lower()]
+    count = len(numbers) if len(numbers) < _MATRIX else len(numbers) - _MATRIX
+    if count not in counts:
+        wanted = ' or '.join(f'{n} number{"s" * (n > 1)} ({meaning})' for n, meaning in counts.items())
+        raise ValueError(
+            f'TEXTURE {word} takes {wanted}, and perhaps the {_MATRIX} of a MATRIX, got {len(numbers)} numbers'
+        )
+    sizes = tuple(size(n, per_metre, 'a size') for n in numbers[:count])
+    if count != 3 and min(sizes) < 0.0:
+        raise ValueError(f'sizes of TEXTURE {word} are numbers > 0')
+    placed = numbers[count:]
+    return sizes, transform('MATRIX', placed, per_metre) if placed else np.eye(4)
+
+
 def rotation(axis: str, degrees: float) -> np.ndarray:
     """(4, 4) column form of XROT, YROT or ZROT; multiples of 90 degrees are exact."""
     quarter, rest = divmod(degrees, 90.0)
@@ -173,7 +194,7 @@ def paint(solid: Solid, word: str, numbers: list[float], per_metre: float) -> So
         rgb = colour_of(word, numbers)
         return solid.map_leaves(lambda leaf: leaf.painted(replace(leaf.surface, colour=rgb)))
     (value,) = _count(word, numbers, (1,), 'one number')
-    name = {'REFLECT': 'reflection', 'TRANSPARENT': 'transparency'}.get(word, word.lower())
+    name = {'REFLECT': 'reflection', 'TRANSPARENT': 'transparency', 'METAL': 'roughness'}.get(word, word.lower())
     change_to: dict[str, Any] = {name: value}
     replace(Surface(), **change_to)  # refuses a value out of range also when there is no leaf
 

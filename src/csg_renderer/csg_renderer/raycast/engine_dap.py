@@ -27,7 +27,7 @@ from .array_machine.terrain import ArrayTerrain
 from .engines import ViewPose
 from .frame import FACE_SLOTS, MISS, Frame, RenderOptions, RenderStats
 from .frame_buffers import ImageHits
-from .program import (
+from .programs.program import (
     CYLINDER,
     DIFFERENCE,
     HALFSPACES,
@@ -41,7 +41,8 @@ from .program import (
     program_of,
     view_of,
 )
-from .pruning import Tile, boundary, tiles, untiled
+from .programs.pruning import Tile, boundary, tiles, untiled
+from .programs.tree_order import early_outs, left_heavy
 from .settings import (
     CROW_OFFSETS,
     CROW_WEIGHTS,
@@ -52,7 +53,6 @@ from .settings import (
     SHORT_WORD_ROUNDINGS,
 )
 from .stop import Stop
-from .tree_order import early_outs, left_heavy
 
 OPERATOR_NAMES = {UNION: 'UNION', INTERSECT: 'INTERSECT', DIFFERENCE: 'DIFFERENCE', REVERSED_DIFFERENCE: 'DIFFERENCE'}
 KIND_NAMES = {code: name for name, code in KIND_CODES.items()}
@@ -70,7 +70,7 @@ def render_views(
 ) -> list[Frame]:
     """See :func:`csg_renderer.render`. Every view is rendered by a new DAP 510."""
     frames = []
-    for camera, camera_T_scene in views:
+    for camera, camera_T_scene, _ in views:
         dap = Dap.model('510', tracing=False)
         dap.watch = None if stop is None else stop.check
         frames.append(render(scene, camera, camera_T_scene, options, dap))
@@ -98,7 +98,7 @@ def render(
             ) from None
         used = so_far()
     tracer.stats.dap_cycles, tracer.stats.dap_planes = used.cycles, used.peak_planes
-    return found.frame(view.program, camera, camera_T_scene, tracer.stats)
+    return found.frame(view.program, camera, camera_T_scene, tracer.stats, options.radiance)
 
 
 def _image(tracer: _Tracer) -> ImageHits:

@@ -6,22 +6,37 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import lru_cache, partial
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from msgs_py import PinholeCamera, Pose
+from msgs_py.numeric.typed import ByteArray, FloatArray
 
 from ..scene.scene import Scene
 from .engines import ViewPose
 from .flatten import FlatProgram, flatten
 from .frame import Frame, RenderOptions, RenderStats
 from .frame_buffers import new_frame
-from .kernels.image import render_tiles, smooth_rows
-from .kernels.records import CameraData, Plan, SecondaryRayWorkspace, Target, Workspace
+from .kernels.image import render_tiles
+from .kernels.packets import BOUNDS, PACKETS
+from .kernels.raw_image import render_raw_rows, smooth_raw_rows
+from .kernels.records import (
+    CameraData,
+    Meeting,
+    Plan,
+    RawRays,
+    SecondaryRayWorkspace,
+    SurfaceRayWorkspace,
+    Target,
+    Workspace,
+)
 from .kernels.rows import STRIDE, SUBTRACTED, SUBTRACTED_PARTS
+from .kernels.samples import mark_rows, smooth_rows
 from .kernels.secondary_rays import BATCH_PARTS, RAY_PARTS
-from .program import Program, View, program_of, view_of
+from .kernels.surface_rays import SURFACE_BATCH_PARTS, SURFACE_RAY_PARTS
+from .programs.program import Program, View, program_of, view_of
+from .raw_view import box_samples, crow_samples, raw_view
 from .settings import CROW_OFFSETS, CROW_WEIGHTS, LEAST_ROWS_PER_THREAD, PARTS_PER_THREAD
 from .stop import Stop
 from .view_data import plan_of, view_data
@@ -41,18 +56,20 @@ def render_views(
     if flat is None:
         flat = _flattened[program] = flatten(program)
     threads = min(
-        options.threads or _cores(), max(1, min(camera.height for camera, _ in views) // LEAST_ROWS_PER_THREAD)
+        options.threads or _cores(), max(1, min(view.camera.height for view in views) // LEAST_ROWS_PER_THREAD)
     )
-    jobs = [_Job(flat, *view, options, threads) for view in views]
     stop = stop or Stop()
+    jobs = [_Job(flat, view, options, threads, stop) for view in views]
     for job in jobs:
         for work in job.works:
             stop.share(work.counts[3:])
     if len(jobs) == 1:
         jobs[0].begin()
     _each_thread(threads, _Queue(jobs, threads).work)
-    if options.adaptive:
-        for job in jobs:
+    for job in jobs:
+        if options.adaptive or job.sparse:
+            # Colours decide where samples are taken; so all is decided before the first of them changes.
+            _each_thread(threads, partial(job.mark, threads))
             _each_thread(threads, partial(job.smooth, threads))
     stop.check()
     for job in jobs:
@@ -70,56 +87,81 @@ class _Job:
     target: Target
     camera_data: CameraData
     plan: Plan
+    raw: RawRays
 
-    def __init__(
-        self, flat: FlatProgram, camera: PinholeCamera, camera_T_scene: Pose, options: RenderOptions, threads: int
-    ) -> None:
-        self.flat, self.camera, self.camera_T_scene, self.options = flat, camera, camera_T_scene, options
-        self.view = view_of(flat.program, camera_T_scene)
-        self.view_data = view_data(flat, self.view, camera_T_scene)
+    def __init__(self, flat: FlatProgram, seen: ViewPose, options: RenderOptions, threads: int, stop: Stop) -> None:
+        self.flat, self.options, self.stop = flat, options, stop
+        self.camera, self.camera_T_scene, self.lens = seen
+        self.view = view_of(flat.program, self.camera_T_scene)
+        self.view_data = view_data(flat, self.view, self.camera_T_scene)
         self.works = [_workspace(flat) for _ in range(threads)]
-        self.secondaries = [_secondary_workspace(self.view, options) for _ in range(threads)]
+        self.secondaries = [_secondary_workspace(flat, self.view, options) for _ in range(threads)]
+        self.surfaces = [_surface_workspace(flat, self.view, options) for _ in range(threads)]
         self.active = [0] * threads
+        self.marks: ByteArray = np.zeros((0, 0), dtype=np.uint8)
+        self.sparse = options.sparse and self.lens is None and flat.terrains is None and flat.program.surfaces is None
 
     def begin(self) -> None:
         """What takes long of getting ready and leaves other threads alone: clearing the frame, and the spans."""
-        self.frame, self.target = new_frame(self.camera, self.camera_T_scene, self.flat.program.background)
-        self.camera_data, self.plan = plan_of(self.flat, self.view, self.view_data, self.camera, self.options)
+        self.frame, self.target = new_frame(
+            self.camera, self.camera_T_scene, self.flat.program.background, self.options.radiance
+        )
+        culled = self.camera
+        if self.lens is not None:
+            self.frame.lens = self.lens
+            view = raw_view(self.camera, self.lens, self.stop)
+            self.raw, culled = view.rays, view.ideal
+        self.camera_data, self.plan = plan_of(self.flat, self.view, self.view_data, culled, self.options)
+        if self.sparse:
+            self.plan = self.plan._replace(box=0)
+        if self.sparse or self.options.adaptive:
+            self.marks = np.zeros((self.camera.height, self.camera.width), dtype=np.uint8)
 
     def tiles(self, thread: int, part: int, parts: int) -> None:
         """One thread does one of several equal parts of the tiles, and counts those that were not empty."""
         flat = self.flat
+        if self.lens is not None:
+            self.active[0] = 1
+            render_raw_rows(
+                (part, parts),
+                box_samples(self.options.box),
+                *self._taken(thread),
+                (self.secondaries[thread], self.surfaces[thread]),
+                flat.terrains,
+                flat.program.object_of,
+                self.raw,
+            )
+            return
         self.active[thread] += render_tiles(
             part,
             parts,
-            flat.csg,
-            self.camera_data,
-            flat.materials,
-            self.plan,
-            self.target,
-            self.works[thread],
+            *self._taken(thread),
             self.secondaries[thread],
+            self.surfaces[thread],
             flat.terrains,
             flat.program.object_of,
         )
 
+    def _taken(self, thread: int) -> tuple[Any, ...]:
+        """What every kernel takes: scene, camera, materials, plan, picture, and the memory of a thread."""
+        return self.flat.csg, self.camera_data, self.flat.materials, self.plan, self.target, self.works[thread]
+
+    def mark(self, threads: int, thread: int) -> None:
+        """One thread's rows: which pixels are anti-aliased; all tiles must be done."""
+        if self.lens is None:
+            mark_rows((thread, threads), not self.sparse, *self._taken(thread), self.marks)
+
     def smooth(self, threads: int, thread: int) -> None:
-        """One thread's rows, anti-aliased where faces meet; all tiles must be done."""
-        flat = self.flat
-        smooth_rows(
-            thread,
-            threads,
-            flat.csg,
-            self.camera_data,
-            flat.materials,
-            self.plan,
-            self.target,
-            self.works[thread],
-            self.secondaries[thread],
-            flat.terrains,
-            CROW_WEIGHTS,
-            np.array(CROW_OFFSETS),
+        """One thread's rows, anti-aliased where that is marked; all must be."""
+        flat, tracing = self.flat, (self.secondaries[thread], self.surfaces[thread])
+        if self.lens is not None:
+            smooth_raw_rows((thread, threads), crow_samples(), *self._taken(thread), tracing, flat.terrains, self.raw)
+            return
+        n = self.options.box
+        grid = (
+            ((np.arange(n) + 0.5) / n - 0.5, np.full((n, n), n**-2.0)) if n else (np.array(CROW_OFFSETS), CROW_WEIGHTS)
         )
+        smooth_rows((thread, threads), grid, *self._taken(thread), tracing, flat.terrains, self.marks)
 
 
 class _Queue:
@@ -179,15 +221,54 @@ def _workspace(flat: FlatProgram) -> Workspace:
     )
 
 
-def _secondary_workspace(view: View, options: RenderOptions) -> SecondaryRayWorkspace | None:
+def _secondary_workspace(flat: FlatProgram, view: View, options: RenderOptions) -> SecondaryRayWorkspace | None:
     """Memory of ray tracing, or None when ray casting will do."""
-    if options.levels == 1 and not options.shadows:
+    if (options.levels == 1 and not options.shadows) or view.program.surfaces is not None:
         return None
+    side = options.tile_size if options.tiling else STRIDE
     # A batch leaves at most two rays for each of its own, and only so many batches are ever unfinished.
     stack = np.empty(((2 * options.levels + 2) * STRIDE, RAY_PARTS))
+    return _casting_workspace(flat, view, options, BATCH_PARTS, stack, max(STRIDE, side**2))
+
+
+def _casting_workspace(
+    flat: FlatProgram, view: View, options: RenderOptions, parts: int, stack: FloatArray, pixels: int
+) -> SecondaryRayWorkspace:
+    """Memory for casting batches of so many parts, and for the colours of so many pixels."""
+    children = len(flat.csg.simple)
     return SecondaryRayWorkspace(
-        np.empty(BATCH_PARTS * STRIDE), stack, options.levels, options.shadows, view.departure, view.tolerance
+        np.empty(parts * STRIDE),
+        stack,
+        np.zeros(2, dtype=np.int64),
+        np.empty((3, pixels)),
+        np.empty((PACKETS + 1, BOUNDS)),
+        np.empty((PACKETS + 1, BOUNDS)),
+        np.empty(PACKETS),
+        np.empty(STRIDE, dtype=np.int64),
+        Meeting(
+            np.empty(children, dtype=np.int64),
+            np.empty(children),
+            np.empty((PACKETS, children)),
+            np.empty((6, children)),
+            np.empty(len(flat.csg.hierarchy.child)),
+        ),
+        options.levels,
+        options.shadows,
+        view.departure,
+        view.tolerance,
     )
+
+
+def _surface_workspace(flat: FlatProgram, view: View, options: RenderOptions) -> SurfaceRayWorkspace | None:
+    """Memory of what a scene's pictures, metals, lights with a size and surroundings need; None without any."""
+    surfaces = view.program.surfaces
+    if surfaces is None:
+        return None
+    # A batch of metal leaves as many rays for each of its own as there are samples, and each of those, like a mirror of
+    # glass, two at a level. No second such batch begins before they are gone.
+    rays = options.samples + 4 * options.levels + 4
+    casting = _casting_workspace(flat, view, options, SURFACE_BATCH_PARTS, np.empty((1, RAY_PARTS)), 1)
+    return SurfaceRayWorkspace(casting, np.empty((rays * STRIDE, SURFACE_RAY_PARTS)), options.samples, surfaces)
 
 
 def _cores() -> int:

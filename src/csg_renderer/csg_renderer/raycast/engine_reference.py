@@ -9,16 +9,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from msgs_py import PinholeCamera, Pose
-from msgs_py.numeric.typed import AnyArray, FloatArray, IntArray
+from msgs_py import LensDistortion, PinholeCamera
+from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, IntArray
 
 from ..scene.scene import Scene
 from .engines import ViewPose
 from .frame import FACE_SLOTS, MISS, Frame, RenderOptions, RenderStats
 from .frame_buffers import ImageHits
-from .program import View, program_of, view_of
-from .pruning import Tile, boundary, tiles, untiled
+from .programs.program import View, program_of, view_of
+from .programs.pruning import Tile, boundary, tiles, untiled
+from .raw_view import raw_view
 from .reference import Hits, cast, normals, transmission
+from .reference_surfaces import SurfaceTracer
 from .settings import AT_ONCE, CROW_OFFSETS, CROW_WEIGHTS
 from .shading import illuminate, reflect, unit
 from .stop import Stop
@@ -28,33 +30,36 @@ def render_views(
     scene: Scene, views: Sequence[ViewPose], options: RenderOptions, stop: Stop | None = None
 ) -> list[Frame]:
     """See :func:`csg_renderer.render`."""
-    return [render(scene, camera, camera_T_scene, options, stop) for camera, camera_T_scene in views]
+    return [render(scene, view, options, stop) for view in views]
 
 
-def render(
-    scene: Scene, camera: PinholeCamera, camera_T_scene: Pose, options: RenderOptions, stop: Stop | None = None
-) -> Frame:
+def render(scene: Scene, seen_from: ViewPose, options: RenderOptions, stop: Stop | None = None) -> Frame:
     """One view; see :func:`csg_renderer.render`."""
     program = program_of(scene)
+    camera, camera_T_scene, lens = seen_from
     view = view_of(program, camera_T_scene)
-    tracer = _Tracer(view, camera, options, stop or Stop())
+    tracer = _Tracer(view, camera, lens, options, stop or Stop())
     found = ImageHits(camera, program.background)
-    for tile in tiles(view, camera, options.tile_size) if options.tiling else untiled(view, camera, AT_ONCE):
-        if not tile.children and not tile.terrains:
+    lit: BoolArray = np.isfinite(tracer.rays(camera.pixel_grid())[..., 0])
+    found.colours[~lit] = 0.0
+    # Which primitives a tile may show is known of straight rows and columns.
+    tiling = options.tiling and lens is None
+    for tile in tiles(view, camera, options.tile_size) if tiling else untiled(view, camera, AT_ONCE):
+        if not tile.children and not tile.terrains and program.surfaces is None:
             continue
         rows, columns = tile.area
         tracer.stats.tiles += 1
-        v, u = (grid.ravel() for grid in np.mgrid[rows, columns])
+        v, u = (grid[lit[rows, columns]] for grid in np.mgrid[rows, columns])
         hits, colour, facing = tracer.trace(u, v, tile)
         seen = hits.hit != MISS
         found.codes[v, u] = hits.hit
         found.depth[v[seen], u[seen]] = hits.t[seen]
         found.normal[v[seen], u[seen]] = facing[seen]
         found.colours[v, u] = tracer.box_mean(u, v, tile) if options.box else colour
-    if not options.tiling:
+    if not tiling:
         tracer.stats.tiles = 1
     if options.adaptive:
-        down, across = np.nonzero(boundary(found.codes))
+        down, across = np.nonzero(boundary(found.codes) & lit)
         (whole,) = untiled(view, camera, max(camera.height, camera.width))
         for first in range(0, len(down), AT_ONCE**2):
             v, u = down[first : first + AT_ONCE**2], across[first : first + AT_ONCE**2]
@@ -63,23 +68,36 @@ def render(
                 for weight, du in zip(row, CROW_OFFSETS):
                     smooth += weight * np.clip(tracer.trace(u + du, v + dv, whole)[1], 0.0, 1.0)
             found.colours[v, u] = smooth
-    return found.frame(program, camera, camera_T_scene, tracer.stats)
+    frame = found.frame(program, camera, camera_T_scene, tracer.stats, options.radiance)
+    frame.lens = lens
+    return frame
 
 
 class _Tracer:
     """Rays through pixels to colours."""
 
-    def __init__(self, view: View, camera: PinholeCamera, options: RenderOptions, stop: Stop) -> None:
-        self.view, self.camera, self.options, self.stop = view, camera, options, stop
+    def __init__(
+        self, view: View, camera: PinholeCamera, lens: LensDistortion | None, options: RenderOptions, stop: Stop
+    ) -> None:
+        self.view, self.camera, self.lens, self.options, self.stop = view, camera, lens, options, stop
         self.stats = RenderStats()
+
+    def rays(self, pixels: AnyArray) -> FloatArray:
+        """Viewing directions (..., 3) of pixels (..., 2); NaN where the lens shows nothing."""
+        return self.camera.rays(pixels) if self.lens is None else self.lens.rays(self.camera, pixels)
 
     def trace(self, u: AnyArray, v: AnyArray, tile: Tile) -> tuple[Hits, FloatArray, FloatArray]:
         """Pixels (n,) of a tile to the first hit, the colour (n, 3) and the normal (n, 3) there."""
         view = self.view
-        rays = self.camera.rays(np.stack([u, v], axis=1))
+        rays = self.rays(np.stack([u, v], axis=1))
+        if self.lens is not None:
+            # A sample that the lens does not show is that of its pixel's centre.
+            rays = np.where(np.isfinite(rays), rays, self.rays(np.rint(np.stack([u, v], axis=1))))
         first = cast(
             view, tile.children, tile.terrains, np.zeros((1, 3)), rays, view.local, view.tolerance, False, self.stats
         )
+        if view.program.surfaces is not None:
+            return (first, *self._surfaces(rays, first))
         rotation, centre = view.scene_T_camera[:3, :3], view.scene_T_camera[:3, 3]
         directions = rays @ rotation.T
         origins = np.broadcast_to(centre, directions.shape)
@@ -128,6 +146,29 @@ class _Tracer:
                 if some.any():
                     pending.append((rays_of[some], points[some], onward[some], share[some], level + 1, None))
         return first, colour, facing
+
+    def _surfaces(self, rays: FloatArray, first: Hits) -> tuple[FloatArray, FloatArray]:
+        """Colours and normals (n, 3) of camera rays in a scene with pictures and the like."""
+        view, options = self.view, self.options
+        assert view.program.surfaces is not None
+        everything = view.program.children, view.program.terrains
+
+        def cast_on(origin: FloatArray, direction: FloatArray) -> Hits:
+            self.stop.check()
+            frames = view.program.inverse[:, :3]
+            return cast(view, *everything, origin, direction, frames, view.departure, True, self.stats)
+
+        def feel(origin: FloatArray, towards: FloatArray, distance: FloatArray) -> FloatArray:
+            self.stop.check()
+            return transmission(view, origin, towards, distance, self.stats)
+
+        tracer = SurfaceTracer(
+            view, view.program.surfaces, options.levels, options.samples, cast_on, feel if options.shadows else None
+        )
+        ideal = self.camera if self.lens is None else raw_view(self.camera, self.lens).ideal
+        size = 1.0 / ideal.fx / max(options.box, 1)
+        directions = rays @ view.scene_T_camera[:3, :3].T
+        return tracer.trace(rays[:, :2] * [ideal.fx, ideal.fy], directions, size, first)
 
     def box_mean(self, u: IntArray, v: IntArray, tile: Tile) -> FloatArray:
         """(n, 3): the mean of the colours of n x n samples in each pixel (options.box)."""

@@ -8,20 +8,31 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
-from typing import Protocol, cast
+from typing import NamedTuple, Protocol, cast
 
-from msgs_py import PinholeCamera, Pose
+from msgs_py import LensDistortion, PinholeCamera, Pose
 
 from ..scene.scene import Scene
 from .frame import Frame, RenderOptions
+from .programs.program import Program
 from .stop import Stop
 
 # Name of each engine: its module in this room.
 ENGINES = {'native': 'engine_native', 'reference': 'engine_reference', 'dap': 'engine_dap'}
 # Options that only some engines have; no option changes a picture from one engine to another.
 ONLY = {'early_outs': ('dap',), 'left_heavy': ('dap',)}
-# A camera, and camera_T_scene.
-ViewPose = tuple[PinholeCamera, Pose]
+# Engines that follow rays of any directions; the array machine's are those of rows and columns.
+DISTORTING = ('native', 'reference')
+# Engines that know Phong's model and lights that are points, and nothing else.
+PHONG_ONLY = ('dap',)
+
+
+class ViewPose(NamedTuple):
+    """A camera, camera_T_scene, and the distortion of the lens before it; the camera's matrix is then the raw one's."""
+
+    camera: PinholeCamera
+    camera_T_scene: Pose
+    lens: LensDistortion | None = None
 
 
 class Engine(Protocol):
@@ -33,7 +44,7 @@ class Engine(Protocol):
         """A frame for each view of the scene; raises RenderStopped when it was ended."""
 
 
-def refuse_options(name: str, options: RenderOptions) -> None:
+def refuse_options(name: str, options: RenderOptions, views: Sequence[ViewPose] = ()) -> None:
     """Refuse what an engine cannot do.
 
     Parameters
@@ -41,6 +52,7 @@ def refuse_options(name: str, options: RenderOptions) -> None:
     name : str
         Of the engine.
     options : RenderOptions
+    views : sequence of ViewPose
 
     Raises
     ------
@@ -52,6 +64,30 @@ def refuse_options(name: str, options: RenderOptions) -> None:
             raise ValueError(
                 f'{option}: the engine {name!r} has no such option, only {", ".join(map(repr, engines))} has'
             )
+    if name not in DISTORTING and any(view.lens is not None for view in views):
+        raise ValueError(f'lens: the engine {name!r} has none, only {", ".join(map(repr, DISTORTING))} have')
+
+
+def refuse_surfaces(name: str, program: Program) -> None:
+    """Refuse what an engine cannot show.
+
+    Parameters
+    ----------
+    name : str
+        Of the engine.
+    program : Program
+
+    Raises
+    ------
+    ValueError
+        The scene has a TEXTURE, METAL, an ENVIRONMENT or a LIGHT with a RADIUS, and the engine shows none of these; the
+        message begins with "engine".
+    """
+    if name in PHONG_ONLY and program.surfaces is not None:
+        raise ValueError(
+            f'engine: {name!r} shows no TEXTURE, METAL, ENVIRONMENT or RADIUS of a LIGHT, and the scene has one; '
+            f'{", ".join(repr(other) for other in ENGINES if other not in PHONG_ONLY)} do'
+        )
 
 
 def engine_named(name: str) -> Engine:

@@ -10,11 +10,12 @@ import numpy as np
 from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..scene.terrain import Terrain
+from .hierarchy import hierarchy_of
 from .kernels.records import CsgPrograms, Materials, TerrainGrids
-from .products import products_of
-from .program import BLOCK, DIFFERENCE, HALFSPACES, INTERSECT, PLANE, Program
+from .programs.products import products_of
+from .programs.program import BLOCK, DIFFERENCE, HALFSPACES, INTERSECT, PLANE, Program
+from .programs.tree_order import early_outs
 from .settings import AMBIGUOUS, BOX_SLACK, FAR, SPHERE_SLACK
-from .tree_order import early_outs
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +53,7 @@ def flatten(program: Program) -> FlatProgram:
     Parameters
     ----------
     program : Program
-        A scene (see :func:`csg_renderer.raycast.program.program_of`).
+        A scene (see :func:`csg_renderer.raycast.programs.program.program_of`).
 
     Returns
     -------
@@ -137,6 +138,7 @@ def _csg_programs(program: Program, products: _Products) -> CsgPrograms:
         simple,
         child_of,
         box,
+        hierarchy_of(box),
         program.kind,
         np.ascontiguousarray(program.inverse[:, :3]),
         _spheres(program),

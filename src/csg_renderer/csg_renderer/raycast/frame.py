@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from msgs_py import PinholeCamera, Pose
+from msgs_py import LensDistortion, PinholeCamera, Pose
 
-from .settings import OPTION_LIMITS
+from .settings import DEFAULT_PINHOLES, DEFAULT_SAMPLES, OPTION_LIMITS
 
 # A hit is one int32: leaf index * FACE_SLOTS + face index; MISS where there is none. No primitive has more faces.
 FACE_SLOTS = 8
@@ -42,6 +42,13 @@ class RenderStats:
     dap_planes: int = 0
     seconds: float = 0.0
 
+    def add(self, other: RenderStats) -> None:
+        """Count the rays and tiles of another picture too."""
+        self.intersections += other.intersections
+        self.nodes += other.nodes
+        self.combines += other.combines
+        self.tiles += other.tiles
+
 
 @dataclass(frozen=True)
 class RenderOptions:
@@ -57,7 +64,11 @@ class RenderOptions:
         How many surfaces a ray may meet one after another, 1..64; 1 is ray casting.
     antialias : int
         0 (or False): one ray a pixel. 1 (or True): 3 x 3 weighted samples where neighbouring faces differ (thesis 4.6).
-        n >= 2: the mean of n x n samples in every pixel, up to 16.
+        n >= 2: the mean of n x n samples in a pixel, up to 16.
+    every_pixel : bool
+        antialias >= 2: take all samples in pixels, too, where they cannot differ by more than half a grey level. The
+        native engine leaves those to the ray of the centre, without shadows, further levels, surfaces, terrains, lenses
+        and radiance; the other engines never do.
     shadows : bool
         Send a feeler from every visible point to every light.
     threads : int
@@ -67,6 +78,21 @@ class RenderOptions:
         one (thesis 4.8). The other engines have an order of work of their own.
     left_heavy : bool
         engine='dap': evaluate the operand first that needs the deeper stack (thesis 4.8), to save store.
+    radiance : bool
+        Keep what the image rounds to bytes, for sensors of more than 8 bits.
+    samples : int
+        Directions of light that each place of the first surface on a ray samples, 1..1024: of a light with a radius, of
+        the environment, and of what a rough metal mirrors. Scenes without these need none.
+    aperture : float
+        Diameter of the lens, metres; 0 is a pinhole, before which everything is sharp.
+    focus : float
+        Depth at which everything is sharp, metres; needed with an aperture.
+    motion : sequence of Pose
+        camera_T_scene (of a stereo pair the left one's) from the beginning of the exposure to its end, in equal steps
+        of time with screws between them, two or more; () where nothing moves. Depth, ids and normals are those of the
+        camera's own pose.
+    pinholes : int
+        How many points of the lens and moments of the exposure are averaged, 1..4096, in place of ``antialias``.
 
     Raises
     ------
@@ -87,6 +113,13 @@ class RenderOptions:
     threads: int = 0
     early_outs: bool = False
     left_heavy: bool = False
+    radiance: bool = False
+    samples: int = DEFAULT_SAMPLES
+    aperture: float = 0.0
+    focus: float = 0.0
+    motion: tuple[Pose, ...] = ()
+    pinholes: int = DEFAULT_PINHOLES
+    every_pixel: bool = False
 
     def __post_init__(self) -> None:
         for name, (low, high) in OPTION_LIMITS.items():
@@ -94,11 +127,30 @@ class RenderOptions:
             if int(value) != value or not low <= value <= high:
                 raise ValueError(f'{name}: expected a whole number in {low}..{high}, got {value}')
             object.__setattr__(self, name, int(value))
+        for name in ('aperture', 'focus'):
+            if not 0.0 <= getattr(self, name) < np.inf:
+                raise ValueError(f'{name}: expected a length >= 0, got {getattr(self, name):g}')
+        if self.aperture and not self.focus:
+            raise ValueError('focus: expected the depth that is sharp, > 0, with an aperture')
+        object.__setattr__(self, 'motion', tuple(self.motion))
+        if len(self.motion) == 1 or not all(isinstance(pose, Pose) for pose in self.motion):
+            raise ValueError('motion: expected two poses or more')
+
+    @property
+    def averaged(self) -> bool:
+        """Whether a picture is the mean of those of pinholes."""
+        return self.aperture > 0.0 or len(self.motion) > 0
 
     @property
     def box(self) -> int:
         """Samples along a side of each pixel in the n x n mode, or 0."""
         return self.antialias if self.antialias > 1 else 0
+
+    @property
+    def sparse(self) -> bool:
+        """Whether the n x n samples may be left to the pixels in which they differ."""
+        plain = self.tiling and self.levels == 1 and not self.shadows and not self.radiance
+        return self.box > 0 and plain and not self.every_pixel
 
     @property
     def adaptive(self) -> bool:
@@ -129,6 +181,11 @@ class Frame:
     camera : PinholeCamera
     camera_T_scene : Pose
     stats : RenderStats
+    radiance : (h, w, 3) float32, optional
+        Linear RGB, 0..1: what the image rounds to bytes. None where nobody asked for it.
+    lens : LensDistortion, optional
+        Of a raw picture: pixels, and the truth behind them, are those of the raw camera, whose matrix ``camera`` has.
+        Pixels that no light reaches are black, and their truth is that of background.
     """
 
     image: np.ndarray
@@ -140,6 +197,8 @@ class Frame:
     camera: PinholeCamera
     camera_T_scene: Pose = field(default_factory=Pose)
     stats: RenderStats = field(default_factory=RenderStats)
+    radiance: np.ndarray | None = None
+    lens: LensDistortion | None = None
 
     @property
     def mask(self) -> np.ndarray:
@@ -154,4 +213,6 @@ class Frame:
     @property
     def points(self) -> np.ndarray:
         """The visible points, (h, w, 3) float64, metres, camera frame, NaN for background."""
-        return self.camera.rays(self.camera.pixel_grid()) * self.depth[..., None].astype(np.float64)
+        pixels = self.camera.pixel_grid()
+        rays = self.camera.rays(pixels) if self.lens is None else self.lens.rays(self.camera, pixels)
+        return rays * self.depth[..., None].astype(np.float64)

@@ -8,11 +8,11 @@ from threading import Lock
 import numpy as np
 
 from msgs_py import PinholeCamera, Pose
-from msgs_py.numeric.typed import ByteArray, FloatArray, IntArray
+from msgs_py.numeric.typed import ByteArray, Float32Array, FloatArray, IntArray
 
 from .frame import FACE_SLOTS, MISS, Frame, RenderStats
 from .kernels.records import Target
-from .program import Program
+from .programs.program import Program
 from .settings import MOST_FRAME_BUFFERS
 from .shading import quantise
 
@@ -21,8 +21,10 @@ WORD_BYTES = 7 * 4
 PIXEL_BYTES = WORD_BYTES + 3
 
 
-def new_frame(camera: PinholeCamera, camera_T_scene: Pose, background: FloatArray) -> tuple[Frame, Target]:
-    """A frame that shows nothing but background, and its arrays; all of them lie in one piece of memory."""
+def new_frame(
+    camera: PinholeCamera, camera_T_scene: Pose, background: FloatArray, with_radiance: bool = False
+) -> tuple[Frame, Target]:
+    """A frame that shows nothing but background, and its arrays; all but radiance lie in one piece of memory."""
     h, w = camera.height, camera.width
     n = h * w
     memory = _memory(PIXEL_BYTES * n + 3)
@@ -36,7 +38,11 @@ def new_frame(camera: PinholeCamera, camera_T_scene: Pose, background: FloatArra
     image[0] = quantise(background)
     image[1:] = image[0]
     frame = Frame(image, depth, ids[0], ids[1], ids[2], normal, camera, camera_T_scene)
-    return frame, Target(image, depth, ids[0], ids[1], ids[2], normal)
+    radiance: Float32Array = np.empty((h, w, 3) if with_radiance else (0, 0, 3), dtype=np.float32)
+    if with_radiance:
+        radiance[:] = np.clip(background, 0.0, 1.0)
+        frame.radiance = radiance
+    return frame, Target(image, depth, ids[0], ids[1], ids[2], normal, radiance)
 
 
 class ImageHits:
@@ -50,7 +56,14 @@ class ImageHits:
         self.depth: FloatArray = np.full((h, w), np.nan)
         self.normal: FloatArray = np.full((h, w, 3), np.nan)
 
-    def frame(self, program: Program, camera: PinholeCamera, camera_T_scene: Pose, stats: RenderStats) -> Frame:
+    def frame(
+        self,
+        program: Program,
+        camera: PinholeCamera,
+        camera_T_scene: Pose,
+        stats: RenderStats,
+        with_radiance: bool = False,
+    ) -> Frame:
         """The frame of these hits."""
         seen = self.codes != MISS
         leaf = np.where(seen, self.codes // FACE_SLOTS, 0)
@@ -65,6 +78,7 @@ class ImageHits:
             camera,
             camera_T_scene,
             stats,
+            np.clip(self.colours, 0.0, 1.0).astype(np.float32) if with_radiance else None,
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from msgs_py.numeric.typed import ByteArray
 
 from .frame import Frame
-from .settings import DEPTH_GREY_RANGE, HUE_STEP, LEAST_DEPTH_RANGE
+from .settings import DEPTH_GREY_RANGE, HUE_STEP, LEAST_DEPTH_RANGE, SIXTEEN_BITS
 
 
 def save_image(path: Path, image: np.ndarray) -> Path:
@@ -21,14 +22,16 @@ def save_image(path: Path, image: np.ndarray) -> Path:
     ----------
     path : Path
         The suffix says the format.
-    image : (h, w) or (h, w, 3) array of uint8
-        Grey or RGB.
+    image : (h, w) or (h, w, 3) array of uint8 or uint16
+        Grey or RGB; 16 bits in .png and .tif only.
 
     Raises
     ------
     OSError
         It cannot be written; the message names the file.
     """
+    if image.dtype == np.uint16 and path.suffix.lower() not in SIXTEEN_BITS:
+        raise OSError(f'{path}: pictures of more than 8 bits are {", ".join(SIXTEEN_BITS)}')
     path.parent.mkdir(parents=True, exist_ok=True)
     pixels = image if image.ndim == 2 else image[..., ::-1]
     try:
@@ -72,8 +75,11 @@ def id_picture(ids: np.ndarray) -> np.ndarray:
 
 
 def save_arrays(path: Path, frame: Frame) -> Path:
-    """Write everything a frame knows as a compressed .npz: image, depth (metres), ids, normals, K and [R|t]."""
+    """Write everything a frame knows as a compressed .npz: image, depth (metres), ids, normals, K, [R|t], the lens."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    lens: dict[str, Any] = {}
+    if frame.lens is not None:
+        lens = {'distortion_model': frame.lens.model, 'D': frame.lens.coefficients}
     np.savez_compressed(
         path,
         image=frame.image,
@@ -84,12 +90,16 @@ def save_arrays(path: Path, frame: Frame) -> Path:
         normal=frame.normal,
         K=frame.camera.matrix,
         camera_T_scene=frame.camera_T_scene.matrix,
+        **lens,
     )
     return path
 
 
 def camera_record(frame: Frame, baseline: float | None = None) -> dict[str, object]:
-    """The view as plain numbers: K and camera_T_scene as [R|t] (metres, optical frame: x right, y down, z forward)."""
+    """The view as plain numbers: K and camera_T_scene as [R|t] (metres, optical frame: x right, y down, z forward).
+
+    Of a raw picture also the lens; K is then that of the raw camera, and of the one that it is undistorted to.
+    """
     camera = frame.camera
     record: dict[str, object] = {
         'width': camera.width,
@@ -98,6 +108,9 @@ def camera_record(frame: Frame, baseline: float | None = None) -> dict[str, obje
         'camera_T_scene': frame.camera_T_scene.matrix[:3].tolist(),
         'convention': 'p_camera = R p_scene + t, metres; x right, y down, z forward; integer pixel = pixel centre',
     }
+    if frame.lens is not None:
+        record['distortion_model'] = frame.lens.model
+        record['D'] = list(frame.lens.coefficients)
     if baseline is not None:
         record['baseline'] = baseline
     return record

@@ -22,7 +22,7 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 from ..scene.terrain import Terrain, first_crossing
 from ..scene.terrain import gradient as slope
 from .frame import FACE_SLOTS, MISS, RenderStats
-from .program import BLOCK, CONE, CYLINDER, HALFSPACES, INTERSECT, PLANE, SPHERE, UNION, Program, View
+from .programs.program import BLOCK, CONE, CYLINDER, HALFSPACES, INTERSECT, PLANE, SPHERE, UNION, Program, View
 from .settings import APEX, FAR, NEVER, PARALLEL, TINY
 
 # One span of every ray: where it enters, where it leaves, the face there, each (n,).

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from msgs_py import PinholeCamera, Pose, StereoRig
+from msgs_py import LensDistortion, PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.steps import CompileStep
 
 from ..scene.scene import Scene
-from .engines import ViewPose, engine_named, refuse_options
-from .frame import Frame, RenderOptions
-from .program import program_of
+from .engines import Engine, ViewPose, engine_named, refuse_options, refuse_surfaces
+from .exposure import mean_pictures
+from .frame import Frame, RenderOptions, RenderStats
+from .programs.program import program_of
+from .raw_view import mean_light
 from .settings import DEFAULT_BASELINE_RATIO, DEFAULT_FOCAL, DEFAULT_SIZE
+from .shading import quantise
 from .stop import Stop
 
 
@@ -150,7 +154,7 @@ def viewing_hints(scene: Scene) -> list[str]:
         hints.append('all of it is behind the camera, which looks along z; AT (x, y, z) moves what DRAW draws')
     elif len(scene.placements) == 1 and len(depths) and depths.min() <= 0.0:
         hints.append('the camera, at the origin, is within or beside it; AT (0, 0, z) of DRAW moves it in front')
-    if len(depths) and not scene.lights:
+    if len(depths) and not scene.lights and scene.environment is None:
         hints.append('no LIGHT: with ambient light alone the faces of one colour look the same')
     return hints
 
@@ -165,6 +169,7 @@ def render(
     antialias: bool | int = False,
     shadows: bool = False,
     stop: Stop | None = None,
+    lens: LensDistortion | None = None,
     **options: Any,
 ) -> Frame:
     """Ray cast (levels=1) or ray trace a scene.
@@ -182,8 +187,12 @@ def render(
         See :class:`RenderOptions`.
     stop : Stop, optional
         With it another thread can end the rendering.
+    lens : LensDistortion, optional
+        Its distortion makes the picture the raw one of a camera with the calibration matrix of ``camera``: a ray for
+        every raw pixel. Of 'native' and 'reference'.
     **options
-        ``tile_size``, ``threads``, ``early_outs`` and ``left_heavy`` of :class:`RenderOptions`.
+        ``tile_size``, ``threads``, ``samples``, ``aperture``, ``focus``, ``motion``, ``pinholes``, ``early_outs``,
+        ``left_heavy`` and ``radiance`` of :class:`RenderOptions`.
 
     Returns
     -------
@@ -209,7 +218,7 @@ def render(
     camera = camera or _checked(scene).camera or default_camera()
     pose = _checked(scene).camera_T_scene if world_to_camera is None else world_to_camera
     chosen = RenderOptions(tiling=tiling, levels=levels, antialias=antialias, shadows=shadows, **options)
-    return _render_views(scene, [(camera, pose)], engine, chosen, stop)[0]
+    return _render_views(scene, [ViewPose(camera, pose, lens)], engine, chosen, stop)[0]
 
 
 def render_stereo(
@@ -218,9 +227,10 @@ def render_stereo(
     world_to_camera: Pose | None = None,
     engine: str = 'native',
     stop: Stop | None = None,
+    lens: LensDistortion | tuple[LensDistortion, LensDistortion] | None = None,
     **options: Any,
 ) -> tuple[Frame, Frame]:
-    """Render a rectified pair.
+    """Render a rectified pair, or a raw one of cameras whose lenses distort.
 
     Parameters
     ----------
@@ -231,6 +241,9 @@ def render_stereo(
         Places the left camera, see :func:`render`.
     engine, stop
         See :func:`render`.
+    lens : LensDistortion or two of them, optional
+        Of both cameras, or of the left and the right one: the pair is raw, and undistorting it with the cameras of
+        ``rig`` gives the rectified one.
     **options
         See :class:`RenderOptions`.
 
@@ -247,13 +260,15 @@ def render_stereo(
     left = _checked(scene).camera_T_scene if world_to_camera is None else world_to_camera
     # Along the camera's x whatever the scale of the pose: baselines are metres of the camera frame.
     right = Pose(left.rotation, left.translation + rig.right_T_left, left.scale)
-    frames = _render_views(scene, [(rig.left, left), (rig.right, right)], engine, RenderOptions(**options), stop)
+    lenses = lens if isinstance(lens, tuple) else (lens, lens)
+    views = [ViewPose(rig.left, left, lenses[0]), ViewPose(rig.right, right, lenses[1])]
+    frames = _render_views(scene, views, engine, RenderOptions(**options), stop)
     return frames[0], frames[1]
 
 
 def compile_steps(scene: Scene) -> tuple[CompileStep, ...]:
     """What :func:`render` needs compiled, as a small picture of any scene with a solid."""
-    return (CompileStep('ray casting', lambda: render_stereo(scene, scene_rig(scene, 32, 32))),)
+    return (CompileStep('ray casting', lambda: render_stereo(scene, scene_rig(scene, 32, 32), antialias=2)),)
 
 
 def _checked(scene: Scene) -> Scene:
@@ -267,9 +282,81 @@ def _render_views(
 ) -> list[Frame]:
     """Frames of several views, with the wall time of each."""
     chosen = engine_named(engine)
-    refuse_options(engine, options)
+    refuse_options(engine, options, views)
+    refuse_surfaces(engine, program_of(_checked(scene)))
     start = time.perf_counter()
-    frames = chosen.render_views(_checked(scene), views, options, stop)
+    if options.averaged or (options.box and any(view.lens is not None for view in views)):
+        frames = _mean_frames(_Rendering(chosen, _checked(scene), options, stop), views)
+    else:
+        frames = chosen.render_views(_checked(scene), views, options, stop)
     for frame in frames:
         frame.stats.seconds = (time.perf_counter() - start) / len(views)
     return frames
+
+
+@dataclass(frozen=True)
+class _Rendering:
+    """A scene that an engine renders in some way."""
+
+    engine: Engine
+    scene: Scene
+    options: RenderOptions
+    stop: Stop | None
+
+    @property
+    def once(self) -> RenderOptions:
+        """With one ray a pixel of a pinhole, and what the image rounds to bytes."""
+        return replace(self.options, antialias=0, radiance=True, aperture=0.0, motion=())
+
+    def light(self, views: Sequence[ViewPose], left: Pose) -> tuple[list[np.ndarray], list[RenderStats]]:
+        """What ideal cameras see, (h, w, 3) each, and the work it took; through their apertures, in their exposures."""
+        if self.options.averaged:
+            light, stats = mean_pictures(self.frames, views, self.options, left)
+            return list(light), stats
+        frames = self.frames(views)
+        return [np.asarray(frame.radiance) for frame in frames], [frame.stats for frame in frames]
+
+    def frames(self, views: Sequence[ViewPose]) -> list[Frame]:
+        """Frames with one ray a pixel."""
+        return self.engine.render_views(self.scene, views, self.once, self.stop)
+
+
+def _mean_frames(rendering: _Rendering, views: Sequence[ViewPose]) -> list[Frame]:
+    """Frames whose pixels are means over their area, the aperture and the exposure."""
+    left, options = views[0].camera_T_scene, rendering.options
+    frames = rendering.frames(views)
+    ideal = [k for k, view in enumerate(views) if view.lens is None]
+    light, stats = rendering.light([views[k] for k in ideal], left) if options.averaged else ([], [])
+    for k, seen, done in zip(ideal, light, stats):
+        frames[k] = _with_light(frames[k], seen, options)
+        frames[k].stats.add(done)
+    for k, view in enumerate(views):
+        if view.lens is not None or not options.averaged:
+            frames[k] = _raw_frame(rendering, frames[k], view, left)
+    return frames
+
+
+def _raw_frame(rendering: _Rendering, frame: Frame, view: ViewPose, left: Pose) -> Frame:
+    """A frame of one ray a pixel with its means, behind a lens that distorts where it has one."""
+    camera, camera_T_scene, lens = view
+    options = rendering.options
+
+    def light(part: PinholeCamera) -> np.ndarray:
+        """What an ideal camera sees in place of the raw one."""
+        (seen,), (stats,) = rendering.light([ViewPose(part, camera_T_scene)], left)
+        frame.stats.add(stats)
+        return seen
+
+    mean = None if lens is None else mean_light(camera, lens, max(options.box, 1), light)
+    if frame.radiance is None or mean is None:
+        if options.averaged:
+            raise ValueError('lens: it sees too far aside for an aperture or motion')
+        return rendering.engine.render_views(rendering.scene, [view], options, rendering.stop)[0]
+    # A pixel on the rim of what the lens shows, into which no sample has fallen, is as its centre.
+    return _with_light(frame, np.where(mean[1][..., None] > 0.0, mean[0], frame.radiance), options)
+
+
+def _with_light(frame: Frame, light: np.ndarray, options: RenderOptions) -> Frame:
+    frame.image = quantise(light)
+    frame.radiance = light.astype(np.float32) if options.radiance else None
+    return frame

@@ -66,8 +66,9 @@ MOST_PRODUCTS = 32
 MOST_FACTORS = 4096
 # Longest row of pixels that is worked on at once. Every part of the scratch memory of a row has this length.
 LONGEST_ROW = 256
-# Boundary pixels of a row that are anti-aliased at once, nine samples each in three rows of rays.
-MOST_BOUNDARY_PIXELS = 64
+# Rays of a batch of secondary rays that are bounded together: the fewer, the closer they lie, and the more bounds there
+# are to compare (with 16 the table of test/benchmarks/bench_renderer.py takes a tenth longer).
+PACKET = 32
 # Into how many parts for each thread the tiles of a view are divided when several views are rendered: a thread that
 # is ready early takes one more.
 PARTS_PER_THREAD = 2
@@ -75,6 +76,14 @@ PARTS_PER_THREAD = 2
 LEAST_ROWS_PER_THREAD = 8
 # How many frames' memory is kept to be used again.
 MOST_FRAME_BUFFERS = 6
+# Of how many raw cameras the rays are kept: 16 bytes a pixel, and a second to compute for a million.
+MOST_RAW_CAMERAS = 4
+# Samples of an ideal picture, for each that a raw one needs, up to which they cost less than single rays; both were
+# measured on the L-shape: 0.02 and 3 microseconds of a core.
+MOST_IDEAL_SAMPLES = 64
+# Samples of an ideal picture that are rendered at once, 43 bytes each; rays of a raw one that are computed at once, in
+# a fifth of a second.
+STRIP_SAMPLES, BAND_RAYS = 2**20, 2**17
 # Whole exponents below this are raised by repeated squaring (measured on rendered views, no command kept: ten times as
 # fast as the general power).
 MOST_SQUARED_EXPONENT = 4096.0
@@ -84,6 +93,17 @@ AMBIGUOUS = 1.0 / 1024.0
 
 # -- anti-aliasing ----------------------------------------------------------------------------------------------------
 
+# The samples of a pixel are taken as its centre where they cannot differ (kernels/differences.py). A primitive that is
+# this many pixels behind what is seen, along the ray, is hidden all over the pixel: surfaces may be as steep as one in
+# so many.
+HIDDEN_GAP_PIXELS = 8.0
+# The most that the mean colour of two opposite corners of a pixel differs from its centre's, of 1, where the centre
+# stands for all samples: a grey level. With half a level for the rounding of the centre, the mean of all samples is off
+# by a third of that, half a grey level.
+MOST_CURVED = 1.0 / 255.0
+# A ball whose radius is this many pixels for each of n samples across a pixel is met by none of them when the corners
+# do not meet it. 1 / 4 by the height of a segment; twice that for its picture, which is an ellipse.
+ROUND_PIXELS = 0.5
 # Weights of the nine samples of a pixel where faces meet, and their places in the pixel, pixels (thesis 4.6, after
 # Crow 1981).
 CROW_WEIGHTS: FloatArray = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 16.0
@@ -92,7 +112,14 @@ CROW_OFFSETS = (-1.0 / 3.0, 0.0, 1.0 / 3.0)
 # -- what a caller may ask for ----------------------------------------------------------------------------------------
 
 # Smallest and largest value of each whole-number option of RenderOptions. Tiles are no wider than LONGEST_ROW.
-OPTION_LIMITS = {'tile_size': (4, LONGEST_ROW), 'levels': (1, 64), 'antialias': (0, 16), 'threads': (0, 64)}
+OPTION_LIMITS = {
+    'tile_size': (4, LONGEST_ROW),
+    'levels': (1, 64),
+    'antialias': (0, 16),
+    'threads': (0, 64),
+    'samples': (1, 1024),
+    'pinholes': (1, 4096),
+}
 # The camera when neither the caller nor the scene file names one: pixels a side, and the focal length in pixels at
 # that size, which makes a field of view of 40 degrees.
 DEFAULT_SIZE = 512
@@ -104,6 +131,24 @@ DEFAULT_BASELINE_RATIO = 5.0
 
 # Weights of red, green and blue in a grey value: ITU-R BT.601, which cv_bridge and OpenCV use too.
 LUMA: FloatArray = np.array([0.299, 0.587, 0.114])
+# The grey level of what is white, whatever the number of bits.
+WHITE = 255.0
+# The channel, of red, green and blue, of the four pixels of each mosaic, row by row (sensor_msgs/image_encodings).
+BAYER_CHANNELS = {'rggb': (0, 1, 1, 2), 'bggr': (2, 1, 1, 0), 'gbrg': (1, 2, 0, 1), 'grbg': (1, 0, 2, 1)}
+# Smallest and largest value of fields of SensorModel. The largest exposure and gain are 60 dB; beyond 16 bits there is
+# no encoding; a lens that loses 99 of 100 in its corners shows none.
+SENSOR_RANGES = {
+    'vignetting': (0.0, 0.99),
+    'exposure': (1e-3, 1e3),
+    'gain': (1e-3, 1e3),
+    'black_level': (0.0, 254.0),
+    'gamma': (0.1, 10.0),
+    'bits': (8, 16),
+}
+# sRGB: a straight line up to the toe, then a power of what is shifted by the offset (IEC 61966-2-1).
+SRGB_TOE, SRGB_SLOPE, SRGB_POWER, SRGB_OFFSET = 0.0031308, 12.92, 2.4, 0.055
+# Kinds of pictures that have 16 bits.
+SIXTEEN_BITS = ('.png', '.tif', '.tiff')
 # Grey values of 255 from the nearest to the farthest point of a picture of depths.
 DEPTH_GREY_RANGE = 200.0
 # The least range of depths that a picture of depths spreads over, metres: a plane across the view has none.
@@ -114,3 +159,33 @@ HUE_STEP = 0.61803398875
 # Side of the square of pixels whose rays the reference engine follows at once where there are no tiles: of so many, a
 # kilobyte each, a step takes a few milliseconds, and a rendering is ended within one.
 AT_ONCE = 128
+
+# -- pictures on surfaces, rough metal, lights with a size -------------------------------------------------------------
+
+# Directions of light that a place of the first surface on a ray samples when the caller names no number.
+DEFAULT_SAMPLES = 16
+# The least roughness of a metal: below, its highlights of a point of light are narrower than pixels and few rays meet
+# them; REFLECT is the mirror.
+LEAST_ROUGHNESS = 0.01
+# Steps of the table of what rough metal returns, along each axis, and samples of each entry along a side.
+ALBEDO_STEPS = 33
+ALBEDO_SAMPLES = 32
+# Most places at which a picture is looked up along the long axis of a pixel's footprint; beyond it is blurred.
+MOST_PROBES = 8
+# Fractions of a pixel that tell rays of one pixel apart for their random numbers; a power of 2 well above the samples
+# of a pixel and well below rounding.
+KEY_STEPS = 1024.0
+# Added to whole numbers of such fractions to make them positive.
+KEY_OFFSET = float(2**40)
+# The steps of the sequence R2 (Roberts 2018): 1 / g and 1 / g^2 of g^3 = g + 1. Its points fill the square evenly
+# however many there are.
+R2 = (0.7548776662466927, 0.5698402909980532)
+
+# -- aperture and exposure ---------------------------------------------------------------------------------------------
+
+# Points of the lens and moments of the exposure whose pictures are averaged when the caller names no number: a disc of
+# ten pixels has about one for each.
+DEFAULT_PINHOLES = 64
+# Steps of the sequence of Roberts (2018) in five dimensions, powers of 1 / g of g^6 = g + 1: two of the lens, the time,
+# and two of the pixel.
+PINHOLE_STEPS = tuple(1.1347241384015194**-k for k in range(1, 6))

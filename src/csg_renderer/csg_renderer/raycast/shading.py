@@ -14,7 +14,7 @@ from msgs_py.numeric.typed import ByteArray, FloatArray
 
 from ..scene.terrain import Terrain, tint
 from .frame import FACE_SLOTS
-from .program import Program
+from .programs.program import Program
 
 
 def illuminate(

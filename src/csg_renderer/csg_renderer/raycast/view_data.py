@@ -13,8 +13,8 @@ from .flatten import FlatProgram, whole_numbers
 from .frame import RenderOptions
 from .kernels.image import product_spans
 from .kernels.records import CameraData, Plan
-from .program import DIFFERENCE, INTERSECT, Program, View
-from .settings import LEAST_CLIP_DEPTH, LONGEST_ROW, PARALLEL
+from .programs.program import DIFFERENCE, INTERSECT, PLANE, SPHERE, Program, View
+from .settings import LEAST_CLIP_DEPTH, LONGEST_ROW, PARALLEL, ROUND_PIXELS
 from .tiling import leaf_spans
 
 
@@ -74,11 +74,11 @@ def plan_of(
     products, bands = len(csg.positive), -(-h // size)
     chosen = data.chosen
     near = np.zeros(products)
+    leaf_depth = np.empty(len(program.kind))
     if whole:
         leaf_span, span, band = (np.zeros((1, 1, 2), dtype=np.int32) for _ in range(3))
     else:
         leaf_span = np.empty((len(program.kind), h, 2), dtype=np.int32)
-        leaf_depth = np.empty(len(program.kind))
         leaf_spans(
             data.points,
             program.outline_start,
@@ -95,7 +95,10 @@ def plan_of(
         band = np.empty((products, bands, 2), dtype=np.int32)
         product_spans(chosen, csg, leaf_span, leaf_depth, size, span, band, near)
         chosen = chosen[np.argsort(near[chosen], kind='stable')]
-    camera_data = CameraData(view.local, data.origin, data.limit, data.sphere, leaf_span, near, data.listed, chosen)
+    thin = _thin_leaves(view, data, camera, options) if options.sparse else np.zeros(0, dtype=bool)
+    camera_data = CameraData(
+        view.local, data.origin, data.limit, data.sphere, leaf_span, near, data.listed, chosen, leaf_depth, thin
+    )
     plan = Plan(
         (np.arange(w, dtype=np.float64) - camera.cx) / camera.fx,
         (np.arange(h, dtype=np.float64) - camera.cy) / camera.fy,
@@ -110,6 +113,22 @@ def plan_of(
         options.box,
     )
     return camera_data, plan
+
+
+def _thin_leaves(view: View, data: ViewData, camera: PinholeCamera, options: RenderOptions) -> BoolArray:
+    """(n,): see CameraData.
+
+    Of what is round and has no corners little comes in between two corners of a pixel: over a chord of one pixel a
+    circle of radius r rises by 1 / (8 r) pixels, and the samples are 1 / (2 n) pixels within. A half-space comes in
+    with a straight edge.
+    """
+    kind = view.program.kind
+    # The least half axis of an ellipsoid, metres; it has no sharper curve in the image than a ball of that size.
+    least = 1.0 / np.linalg.norm(view.local[:, :, :3], ord=2, axis=(1, 2)) if len(kind) else np.zeros(0)
+    farthest = data.sphere[:, 2] + np.sqrt(data.sphere[:, 3])
+    small = least * min(camera.fx, camera.fy) < ROUND_PIXELS * options.box * farthest
+    thin: BoolArray = (kind != PLANE) & ((kind != SPHERE) | small)
+    return thin
 
 
 def _children_containing(program: Program, origin: FloatArray) -> list[bool]:

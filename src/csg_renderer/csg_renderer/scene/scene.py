@@ -12,11 +12,14 @@ from msgs_py import PinholeCamera, Pose
 
 from .settings import DEFAULT_AMBIENT, DEFAULT_BACKGROUND
 from .solid import Primitive, Solid, as_matrix, colour
+from .textures import Environment
 
 
 @dataclass(frozen=True)
 class Light:
-    """A point light.
+    """A light: a point, or a ball that shines alike in all directions.
+
+    Its light does not fall off with the distance. That of a ball is the mean over what of it a place sees.
 
     Parameters
     ----------
@@ -24,6 +27,8 @@ class Light:
         Metres, scene frame.
     colour : (3,) array_like of float64
         Red, green, blue in 0..1, linear.
+    radius : float
+        Metres; 0 is a point. The shadows of a ball (option ``shadows``) are soft.
 
     Raises
     ------
@@ -33,6 +38,7 @@ class Light:
 
     position: tuple[float, float, float]
     colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    radius: float = 0.0
 
     def __post_init__(self) -> None:
         position = np.asarray(self.position, dtype=np.float64)
@@ -40,6 +46,9 @@ class Light:
             raise ValueError(f'position: expected three finite numbers, got {self.position}')
         object.__setattr__(self, 'position', tuple(float(x) for x in position))
         object.__setattr__(self, 'colour', colour(self.colour, 'colour'))
+        if not 0.0 <= self.radius < np.inf:
+            raise ValueError(f'radius: expected a number >= 0, got {self.radius:g}')
+        object.__setattr__(self, 'radius', float(self.radius))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +110,8 @@ class Scene:
         Where it stands; the identity by default.
     baseline : float, optional
         What the file says of the second camera (STEREO, DISPARITY), metres.
+    environment : Environment, optional
+        What surrounds it; it takes the place of ``ambient_light`` and ``background``.
 
     Examples
     --------
@@ -120,6 +131,7 @@ class Scene:
         camera: PinholeCamera | None = None,
         camera_T_scene: Pose | None = None,
         baseline: float | None = None,
+        environment: Environment | None = None,
     ) -> None:
         if isinstance(solids, Solid | Placement):
             solids = [solids]
@@ -135,6 +147,7 @@ class Scene:
         self.camera = camera
         self.camera_T_scene = camera_T_scene if camera_T_scene is not None else Pose()
         self.baseline = baseline
+        self.environment = environment
 
     @property
     def primitives(self) -> tuple[Primitive, ...]:

@@ -27,3 +27,6 @@ SEGMENTS = 64
 # 0..1.
 DEFAULT_AMBIENT = (0.2, 0.2, 0.2)
 DEFAULT_BACKGROUND = (0.0, 0.0, 0.0)
+# Pixels of the largest picture that is laid on a surface or around a scene (8192 x 2048; 270 MB with all it is reduced
+# to): one from anybody should not fill the memory.
+MAX_TEXELS = 2**24

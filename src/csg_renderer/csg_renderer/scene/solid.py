@@ -17,6 +17,7 @@ from msgs_py import Pose
 from msgs_py.numeric.vectors import perpendicular
 
 from .settings import AFFINE, SINGULAR
+from .textures import Laid, Texture
 
 # Faces in the order of thesis Table 4.1, which is also the order of face_id in a rendered frame. Unit frames: the block
 # is the unit cube of the positive octant; cylinder and cone have unit radius and length along +z, the cylinder with one
@@ -50,6 +51,9 @@ class Surface:
         0..1; 1 is a perfect mirror.
     transparency : float
         0..1; 1 is invisible.
+    roughness : float, optional
+        Of a metal, 0..1: the alpha of GGX' distribution of facets. Its colour is what it reflects at right angles; it
+        takes the place of ``diffuse``, ``specular``, ``shininess`` and ``reflection``. None is no metal.
 
     Raises
     ------
@@ -70,10 +74,13 @@ class Surface:
     shininess: float = 20.0
     reflection: float = 0.0
     transparency: float = 0.0
+    roughness: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, 'colour', colour(self.colour, 'colour'))
-        for name in ('ambient', 'diffuse', 'specular', 'reflection', 'transparency'):
+        for name in ('ambient', 'diffuse', 'specular', 'reflection', 'transparency', 'roughness'):
+            if name == 'roughness' and self.roughness is None:
+                continue
             value = float(getattr(self, name))
             if not 0.0 <= value <= 1.0:
                 raise ValueError(f'{name}: expected a number in 0..1, got {value:g}')
@@ -172,7 +179,7 @@ class Solid:
         raise NotImplementedError
 
     def painted(self, surface: Surface) -> Solid:
-        """The solid with one surface on every face, whatever they had before.
+        """The solid with one surface on every face, whatever they had before, and no texture.
 
         Parameters
         ----------
@@ -183,6 +190,25 @@ class Solid:
         Solid
         """
         raise NotImplementedError
+
+    def textured(self, texture: Texture | None, placement: Pose | ArrayLike | None = None) -> Solid:
+        """The solid with a picture on every face, which moves with it from now on.
+
+        Parameters
+        ----------
+        texture : Texture or None
+            None takes off what there is.
+        placement : Pose or (4, 4) array_like of float64, optional
+            The texture's frame from the one in which the solid stands now, metres; the same by default.
+
+        Returns
+        -------
+        Solid
+        """
+        if texture is None:
+            return self.map_leaves(lambda leaf: replace(leaf, laid=None))
+        seen = np.eye(4) if placement is None else as_matrix(placement)
+        return self.map_leaves(lambda leaf: replace(leaf, laid=Laid(texture, seen @ leaf.own_frame)))
 
     @property
     def primitives(self) -> tuple[Primitive, ...]:
@@ -336,6 +362,8 @@ class Primitive(Solid):
         Of all its faces.
     face_colours : (faces, 3) array_like of float64, optional
         A colour in 0..1 for each face, instead of the surface's.
+    laid : Laid, optional
+        A picture on it (:meth:`Solid.textured`).
 
     Raises
     ------
@@ -347,6 +375,7 @@ class Primitive(Solid):
     matrix: np.ndarray
     surface: Surface = field(default_factory=Surface)
     face_colours: np.ndarray | None = None
+    laid: Laid | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in PRIMITIVES:
@@ -367,13 +396,18 @@ class Primitive(Solid):
                 raise ValueError(f'face_colours: expected ({len(FACES[self.kind])}, 3) numbers in 0..1')
             object.__setattr__(self, 'face_colours', colours)
 
+    @property
+    def own_frame(self) -> np.ndarray:
+        """Scene from the primitive's unit frame, (4, 4)."""
+        return self.matrix
+
     def transformed(self, placement: Pose | ArrayLike) -> Primitive:
         """See :meth:`Solid.transformed`."""
         return replace(self, matrix=as_matrix(placement) @ self.matrix)
 
     def painted(self, surface: Surface) -> Primitive:
-        """See :meth:`Solid.painted`; colours of single faces go."""
-        return replace(self, surface=surface, face_colours=None)
+        """See :meth:`Solid.painted`; colours of single faces and a texture go."""
+        return replace(self, surface=surface, face_colours=None, laid=None)
 
     def _leaves(self) -> Iterator[Primitive]:
         yield self

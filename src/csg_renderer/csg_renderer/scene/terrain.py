@@ -22,6 +22,7 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 from .height_files import check_heights, read_heights
 from .settings import CELL_SLACK
 from .solid import Operation, Solid, Surface, as_matrix
+from .textures import Laid
 
 INTERPOLATIONS = ('triangles', 'bilinear')
 
@@ -63,6 +64,8 @@ class Terrain(Solid):
         0..1. Between two of them colours are interpolated, beyond the ends they stay.
     file : TerrainFile, optional
         Where it comes from, for scenes that are written as text.
+    laid : Laid, optional
+        A picture on it (:meth:`Solid.textured`).
 
     Raises
     ------
@@ -83,6 +86,7 @@ class Terrain(Solid):
     surface: Surface = field(default_factory=Surface)
     tints: np.ndarray | None = None
     file: TerrainFile | None = None
+    laid: Laid | None = None
     kind: str = field(default='TERRAIN', init=False)
     face_colours: None = field(default=None, init=False)
 
@@ -158,6 +162,11 @@ class Terrain(Solid):
         return self.placement @ np.diag([*self.spacing, 1.0, 1.0])
 
     @property
+    def own_frame(self) -> np.ndarray:
+        """Scene from the terrain's own frame, (4, 4), metres."""
+        return self.placement
+
+    @property
     def outline(self) -> np.ndarray:
         """Corners (8, 3) of the box about the terrain, grid frame."""
         rows, columns = self.heights.shape
@@ -178,8 +187,8 @@ class Terrain(Solid):
         return replace(self, placement=as_matrix(placement) @ self.placement)
 
     def painted(self, surface: Surface) -> Terrain:
-        """See :meth:`Solid.painted`; colours by height go."""
-        return replace(self, surface=surface, tints=None)
+        """See :meth:`Solid.painted`; colours by height and a texture go."""
+        return replace(self, surface=surface, tints=None, laid=None)
 
     @cached_property
     def cells(self) -> BoolArray:

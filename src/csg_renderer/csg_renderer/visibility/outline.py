@@ -152,14 +152,7 @@ class SolidOutline:
         -------
         OutlinePoints
         """
-        c = camera
-        row = np.array(
-            [
-                *(pose.scale * pose.rotation).ravel().tolist(),
-                *pose.translation.tolist(),
-                *(c.fx, c.fy, c.cx, c.cy, c.width, c.height),
-            ]
-        )
+        row = camera_row(pose, camera)
         n, rows, numbers = seen_points(self._found.table.rows, self._quadrics, self._creases, row, spacing)
         return OutlinePoints(rows[:n, :3], rows[:n, 3:6], numbers[:n, 0], numbers[:n, 1], rows[:n, 6:9], rows[:n, 9])
 
@@ -184,3 +177,26 @@ class SolidOutline:
         hit = np.isfinite(depth)
         out[hit] = back.translation + depth[hit, None] * back.rotate(camera.rays(pixels[hit]))
         return out
+
+
+def camera_row(pose: Pose, camera: PinholeCamera) -> FloatArray:
+    """A camera at camera_T_model as compiled functions take it.
+
+    Parameters
+    ----------
+    pose : Pose
+    camera : PinholeCamera
+
+    Returns
+    -------
+    (18,) float64
+        camera_R_model by rows, times the scale of the model, camera_t_model, fx, fy, cx, cy, width, height.
+    """
+    c = camera
+    return np.array(
+        [
+            *(pose.scale * pose.rotation).ravel().tolist(),
+            *pose.translation.tolist(),
+            *(c.fx, c.fy, c.cx, c.cy, c.width, c.height),
+        ]
+    )

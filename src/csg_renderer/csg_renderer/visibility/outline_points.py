@@ -190,7 +190,7 @@ def _knots(
             z = m[2, 0] * a + m[2, 1] * b + m[2, 2]
             if k == 0:
                 length, u, v = 0.0, math.nan, math.nan
-            step, u, v = _step(camera, x / w, y / w, z / w, u, v)
+            step, u, v = image_step(camera, x / w, y / w, z / w, u, v)
             length += step
             along[begin[c] + k] = length
     for s in range(chains):
@@ -198,7 +198,7 @@ def _knots(
         length, u, v = 0.0, math.nan, math.nan
         for k in range(creases.begin[s], creases.begin[s + 1]):
             x, y, z = creases.chain[k, 0], creases.chain[k, 1], creases.chain[k, 2]
-            step, u, v = _step(
+            step, u, v = image_step(
                 camera,
                 camera[0] * x + camera[1] * y + camera[2] * z + camera[9],
                 camera[3] * x + camera[4] * y + camera[5] * z + camera[10],
@@ -213,7 +213,7 @@ def _knots(
 
 
 @njit(nogil=True)
-def _step(
+def image_step(
     camera: FloatArray, x: float, y: float, z: float, before_u: float, before_v: float
 ) -> tuple[float, float, float]:
     """Pixels from the one before to where a camera sees a point of its frame, and that pixel.

@@ -5,14 +5,10 @@ from __future__ import annotations
 import csv
 import html
 import json
-import multiprocessing
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures import as_completed as completed
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +18,7 @@ from tqdm import tqdm
 
 from csg_renderer.language import find_scene
 
+from ..batches.jobs import Workers, runner
 from .case import Case, Limits
 from .report import STYLE, write_report
 from .result import CaseResult, result_document
@@ -117,11 +114,15 @@ def run_batch(
     """
     out.mkdir(parents=True, exist_ok=True)
     documents: list[dict[str, Any] | None] = [None] * len(cases)
+    jobs: list[Job] = [(k, case, limits, str(out.resolve()), nodes, reports) for k, case in enumerate(cases)]
     with tqdm(total=len(cases), desc='cases', unit='', disable=quiet, file=sys.stdout) as bar:
-        with _runner(workers, dask) as run:
-            for index, document in run(
-                [(k, case, limits, str(out.resolve()), nodes, reports) for k, case in enumerate(cases)]
-            ):
+        with runner(Workers(workers, dask), be_ready) as run:
+            if dask in (None, 'local'):
+                answers = (answer for _, answer in run(run_one, jobs))
+            else:  # a cluster shares no folder with this machine
+                sent = [(job, files_of(job[1])) for job in jobs]
+                answers = (brought_home(asked[0], answer) for asked, answer in run(_far, sent))
+            for index, document in answers:
                 documents[index] = document
                 bar.update()
                 bar.set_postfix_str(f'{sum(bool(d and d["passed"]) for d in documents)} passed')
@@ -228,34 +229,8 @@ def _refused(case: Case, why: str) -> dict[str, Any]:
     return {'case': case.name, 'scene': case.scene, 'passed': False, 'verdict': f'error: {why}'}
 
 
-@contextmanager
-def _runner(workers: int, dask: str | None) -> Iterator[Any]:
-    """A function that maps run_one over jobs and yields results as they come."""
-    if dask is not None:
-        # dask.distributed is optional and takes half a second to import.
-        try:
-            from distributed import Client, LocalCluster, as_completed
-        except ImportError:
-            raise ValueError('dask: dask.distributed is not installed (pip install distributed)') from None
-        if dask == 'local':
-            with LocalCluster(n_workers=max(workers, 1), threads_per_worker=1, dashboard_address=None) as cluster:
-                with Client(cluster) as client:
-                    yield lambda jobs: (future.result() for future in as_completed(client.map(run_one, jobs)))
-            return
-        with Client(dask) as client:
-
-            def far(jobs: Sequence[Job]) -> Iterator[tuple[int, dict[str, Any]]]:
-                asked = {client.submit(run_far, job, files_of(job[1]), pure=False): job for job in jobs}
-                return (brought_home(asked[future], future.result()) for future in as_completed(list(asked)))
-
-            yield far
-    elif workers > 1:
-        be_ready()  # else every process would compile for itself
-        # Fresh processes: a forked one would inherit threads of numba and of the middleware.
-        with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context('spawn')) as pool:
-            yield lambda jobs: (future.result() for future in completed([pool.submit(run_one, job) for job in jobs]))
-    else:
-        yield lambda jobs: map(run_one, jobs)
+def _far(asked: tuple[Job, dict[str, bytes]]) -> tuple[int, dict[str, Any], str, dict[str, bytes]]:
+    return run_far(*asked)
 
 
 def write_summary(out: Path, documents: list[dict[str, Any]], limits: Limits) -> None:

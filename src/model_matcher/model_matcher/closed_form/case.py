@@ -52,6 +52,8 @@ class Case:
         Number of further solids beside or behind the object.
     time_limit_s : float
         Of the search, seconds.
+    camera : tuple of str
+        What else its camera does to a picture: parameters of renderer_node, NAME=VALUE each (:mod:`.camera_options`).
     label : str, optional
         Name of the case; None: that of the scene. Folders are named by it.
 
@@ -79,6 +81,7 @@ class Case:
     clutter: int = 0
     time_limit_s: float = 2.0
     label: str | None = None
+    camera: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.label is not None and not is_plain_name(self.label):

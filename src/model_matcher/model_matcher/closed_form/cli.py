@@ -14,13 +14,12 @@ This module is the command line; :mod:`~model_matcher.closed_form.commands` does
 from __future__ import annotations
 
 import argparse
-import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from msgs_py.commands import add_json, run_command
 
+from ..batches.numbers import number, whole
 from .case import Case, Limits
 from .commands import run
 from .sequences.motion import PATHS, Motion
@@ -68,13 +67,20 @@ def closed_form_parser() -> argparse.ArgumentParser:
     add('-q', '--quiet', action='store_true', help='no progress bar')
 
     add = parser.add_argument_group('images').add_argument
-    add('--size', type=_whole(1), nargs=2, metavar=('WIDTH', 'HEIGHT'), help='image size, pixels')
-    add('--focal', type=_number(0.0, above=True), help='focal length, pixels')
-    add('--baseline', type=_number(0.0, above=True), metavar='MM', help='distance of the eyes, mm')
-    add('--antialias', type=_whole(0), default=Case.antialias, help='samples along each side of a pixel')
-    add('--psf', type=_number(0.0, 20.0), default=Case.psf, help='blur of the sensor, pixels')
-    add('--noise', type=_number(0.0, 100.0), default=Case.noise, help='noise of the sensor, grey levels')
-    add('--seed', type=_whole(0), default=Case.seed, help='seed of noise, clutter and random poses')
+    add('--size', type=whole(1), nargs=2, metavar=('WIDTH', 'HEIGHT'), help='image size, pixels')
+    add('--focal', type=number(0.0, above=True), help='focal length, pixels')
+    add('--baseline', type=number(0.0, above=True), metavar='MM', help='distance of the eyes, mm')
+    add('--antialias', type=whole(0), default=Case.antialias, help='samples along each side of a pixel')
+    add('--psf', type=number(0.0, 20.0), default=Case.psf, help='blur of the sensor, pixels')
+    add('--noise', type=number(0.0, 100.0), default=Case.noise, help='noise of the sensor, grey levels')
+    add(
+        '--camera',
+        nargs='+',
+        default=[],
+        metavar='NAME=VALUE',
+        help='what else the camera does: parameters of renderer_node, as full_well=9000 or distortion=-0.3,0.1,0,0,0',
+    )
+    add('--seed', type=whole(0), default=Case.seed, help='seed of noise, clutter and random poses')
 
     add = parser.add_argument_group('pose and surroundings').add_argument
     add(
@@ -85,59 +91,32 @@ def closed_form_parser() -> argparse.ArgumentParser:
         help='of the object: degrees, applied in this order, and mm',
     )
     add('--sweep', choices=('grid', 'random', 'turntable'), help='many poses of the object')
-    add('--count', type=_whole(1), default=36, help='poses of a sweep')
-    add('--distance', type=_number(0.0, above=True), metavar='MM', help='of the object in a sweep')
-    add('--clutter', type=_whole(0), default=Case.clutter, help='further solids beside and behind the object')
+    add('--count', type=whole(1), default=36, help='poses of a sweep')
+    add('--distance', type=number(0.0, above=True), metavar='MM', help='of the object in a sweep')
+    add('--clutter', type=whole(0), default=Case.clutter, help='further solids beside and behind the object')
 
     add = parser.add_argument_group('sequences').add_argument
     add('--path', choices=PATHS, help='a sequence of the moving object: pictures and true poses, into a folder')
-    add('--frames', type=_whole(1), default=Motion.frames, help='of a sequence')
-    add('--rate', type=_number(0.0, above=True), default=Motion.rate_hz, help='frames a second')
-    add('--turn', type=_number(0.0), default=Motion.turn_deg_s, help='how fast the object turns, degrees a second')
-    add('--shift', type=_number(0.0), default=1e3 * Motion.shift_m_s, help='how fast it moves, mm a second')
-    add('--exposure', type=_number(0.0, 1.0), default=Motion.exposure, help='share of the time the shutter is open')
-    add('--occluders', type=_whole(0), default=Motion.occluders, help='bars that pass in front')
-    add(
-        '--occlusion', type=_number(0.0, 10.0), default=Motion.occlusion, help='width of a bar, in widths of the object'
-    )
-    add('--jump', type=_whole(0), default=Motion.jump, metavar='FRAME', help='a sudden move of 20 mm and 5 deg')
+    add('--frames', type=whole(1), default=Motion.frames, help='of a sequence')
+    add('--rate', type=number(0.0, above=True), default=Motion.rate_hz, help='frames a second')
+    add('--turn', type=number(0.0), default=Motion.turn_deg_s, help='how fast the object turns, degrees a second')
+    add('--shift', type=number(0.0), default=1e3 * Motion.shift_m_s, help='how fast it moves, mm a second')
+    add('--exposure', type=number(0.0, 1.0), default=Motion.exposure, help='share of the time the shutter is open')
+    add('--occluders', type=whole(0), default=Motion.occluders, help='bars that pass in front')
+    add('--occlusion', type=number(0.0, 10.0), default=Motion.occlusion, help='width of a bar, in widths of the object')
+    add('--jump', type=whole(0), default=Motion.jump, metavar='FRAME', help='a sudden move of 20 mm and 5 deg')
 
     add = parser.add_argument_group('running').add_argument
     add('--nodes', action='store_true', help='sweep, replay or sequence through the real nodes')
-    add('--workers', type=_whole(1), default=1, help='processes on this machine')
+    add('--workers', type=whole(1), default=1, help='processes on this machine')
     add('--dask', metavar='ADDRESS', help='dask scheduler to run the cases on; "local" starts one here')
-    add('--time-limit', type=_number(0.0, above=True), default=Case.time_limit_s, help='of one search, seconds')
+    add('--time-limit', type=number(0.0, above=True), default=Case.time_limit_s, help='of one search, seconds')
     add('--reports', action='store_true', help='a page for every case of a sweep, not only for failing ones')
     add('--replay', metavar='FOLDER', help='run a saved case again')
 
     add = parser.add_argument_group('judgement').add_argument
-    add('--max-rotation-deg', type=_number(0.0), default=Limits.rotation_deg, help='limit of a pass')
-    add('--max-translation-mm', type=_number(0.0), default=1e3 * Limits.translation_m, help='limit of a pass')
-    add('--min-success', type=_number(0.0, 1.0), default=1.0, help='share of passes for exit status 0')
+    add('--max-rotation-deg', type=number(0.0), default=Limits.rotation_deg, help='limit of a pass')
+    add('--max-translation-mm', type=number(0.0), default=1e3 * Limits.translation_m, help='limit of a pass')
+    add('--min-success', type=number(0.0, 1.0), default=1.0, help='share of passes for exit status 0')
     add_json(parser)
     return parser
-
-
-def _whole(least: int) -> Callable[[str], int]:
-    """A parser of whole numbers from ``least`` on."""
-
-    def whole(text: str) -> int:
-        value = int(text)
-        if value < least:
-            raise argparse.ArgumentTypeError(f'expected a whole number >= {least}, got {value}')
-        return value
-
-    return whole
-
-
-def _number(least: float, most: float = math.inf, above: bool = False) -> Callable[[str], float]:
-    """A parser of numbers in least..most, or with ``above`` greater than least."""
-    wanted = f'> {least:g}' if above else f'in {least:g}..{most:g}' if most < math.inf else f'>= {least:g}'
-
-    def number(text: str) -> float:
-        value = float(text)
-        if not least <= value <= most or value == math.inf or (above and value == least):
-            raise argparse.ArgumentTypeError(f'expected a number {wanted}, got {text}')
-        return value
-
-    return number

@@ -14,6 +14,7 @@ from typing import NoReturn
 from tqdm import tqdm
 
 from .batch import run_batch, run_through, summary
+from .camera_options import camera_config
 from .case import STAGES, Case, Limits
 from .poses import pose_from_angles, sweep_cases
 from .real_pair import run_chessboard
@@ -89,7 +90,11 @@ def _cases(scene: str, options: argparse.Namespace) -> list[Case]:
         pose,
         options.clutter,
         options.time_limit,
+        camera=tuple(options.camera),
     )
+    camera_config(case)
+    if options.path and options.camera:
+        raise ValueError('camera: sequences (--path) have --psf, --noise and --exposure only')
     check_scene(case, changed=bool(options.sweep))
     if not options.sweep:
         return [case]

@@ -29,7 +29,11 @@ def steps_of(package: str) -> tuple[CompileStep, ...]:
     """What a package's node needs compiled."""
     if package == 'csg_renderer':
         return (*renderer_steps(load_scene(scene_path('l_shape_v1'))), *hidden_line_steps())
-    return recovery_steps() if package == 'stereo_recovery' else (*matcher_steps(images=True), *tracker_steps())
+    return (
+        recovery_steps()
+        if package == 'stereo_recovery'
+        else (*matcher_steps(images=True, catalogue=True), *tracker_steps())
+    )
 
 
 def compile_all(workers: int | None = None) -> float:

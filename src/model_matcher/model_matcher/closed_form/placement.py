@@ -92,11 +92,16 @@ def case_lights(scene: Scene, pose: Pose) -> tuple[Light, ...]:
     """
     if scene.lights or scene.ambient_light != Scene([]).ambient_light:
         return tuple(scene.lights)
-    depth = _middle_depth(scene, pose)
     scene_T_camera = scene.camera_T_scene.inverse()
     return tuple(
-        Light(tuple(scene_T_camera.apply(depth * np.asarray(place))), (brightness,) * 3) for place, brightness in LIGHTS
+        Light(tuple(scene_T_camera.apply(np.asarray(one.position))), one.colour)
+        for one in lights_about(_middle_depth(scene, pose))
     )
+
+
+def lights_about(depth: float) -> tuple[Light, ...]:
+    """The two lights of an object at a depth, metres, in the camera's frame."""
+    return tuple(Light(tuple(depth * np.asarray(place)), (brightness,) * 3) for place, brightness in LIGHTS)
 
 
 def _middle_depth(scene: Scene, pose: Pose) -> float:

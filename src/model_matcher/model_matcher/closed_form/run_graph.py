@@ -26,21 +26,26 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
 
-from csg_renderer import render_stereo
 from csg_renderer.language import find_scene
-from csg_renderer.node import RendererNode, sensor_images
+from csg_renderer.node import RendererNode
+from csg_renderer.stereo_pictures import frames_of, sensor_images
 from dap_emulator.node import EmulatorNode
 from msgs_py import FeatureSet, Interpretation, StereoRig, codecs
+from msgs_py.node_runtime.stamp_sync import stamp_ns
 from stereo_recovery.node import RecoveryNode
 
 from ..model.library import safe_name
 from ..node import MatcherNode
 from .array_machine import roberts_through_service
+from .camera_options import camera_config, camera_values
 from .case import Case
 from .comparison import compare_edges, surface_residual
 from .result import CaseResult, judge
 from .scene_files import prepare
 from .settings import SPIN_S, TIMEOUT_S
+
+# What a node needs to take raw images in place of rectified ones.
+RAW = ['--ros-args', *(word for side in ('left', 'right') for word in ('-r', f'{side}/image_rect:={side}/image_raw'))]
 
 
 def run_case(
@@ -81,7 +86,7 @@ def run_case(
         emulator = run.emulate(messages.left)
         progress('emulator')
 
-    frames = render_stereo(scene, rig, antialias=case.antialias)
+    frames = frames_of(scene, rig, scene.camera_T_scene, camera_config(case))
     data = messages.features
     result = CaseResult(
         case,
@@ -123,6 +128,10 @@ class GraphRun:
     def __init__(self, case: Case, scene: Path, rig: StereoRig) -> None:
         self.case, self.rig = case, rig
         self.pairs = 0
+        self.camera = camera_config(case)
+        # Behind lenses that distort the recovery sees the raw pair.
+        self.raw = self.camera.lenses() is not None
+        self.bits = self.camera.bits if self.camera.bits > 8 else 16
         self.scene, self.own_scene = str(scene), str(find_scene(case.scene))
 
     def __enter__(self) -> GraphRun:
@@ -143,9 +152,10 @@ class GraphRun:
                 psf=case.psf,
                 noise=case.noise,
                 seed=case.seed,
+                **{name: list(v) if isinstance(v, tuple) else v for name, v in camera_values(case.camera).items()},
                 **(size if self.scene == self.own_scene else {}),
             ),
-            RecoveryNode: {},
+            RecoveryNode: {'rectify': self.raw, 'image_bits': self.bits},
             MatcherNode: {'models': [self.own_scene], 'time_limit': case.time_limit_s},
             EmulatorNode: {},
         }
@@ -155,6 +165,7 @@ class GraphRun:
                 context=self.context,
                 namespace=namespace,
                 parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
+                cli_args=RAW if node_class is RecoveryNode and self.raw else None,
             )
             self.nodes[node_class.__name__] = node
             self.executor.add_node(node)
@@ -197,16 +208,13 @@ class GraphRun:
             self._spin_until(partial(self.received.__getitem__, topic), stage)
             progress(stage)
         self._spin_until(lambda: all(self.received.values()), 'ground truth and report')
-        stamps = {
-            messages[-1].header.stamp.sec * 10**9 + messages[-1].header.stamp.nanosec
-            for messages in self.received.values()
-        }
+        stamps = {stamp_ns(messages[-1].header) for messages in self.received.values()}
         if len(stamps) != 1:
             raise ValueError(f"{self.case.scene}: results carry {len(stamps)} different stamps, expected the pair's")
         report = self.received['interpretations/report'][-1]
         return PairMessages(
-            codecs.gray_from_image(self.received['left/image_rect'][-1]),
-            codecs.gray_from_image(self.received['right/image_rect'][-1]),
+            codecs.gray_from_image(self.received['left/image_rect'][-1], self.bits),
+            codecs.gray_from_image(self.received['right/image_rect'][-1], self.bits),
             codecs.cloud_to_features(self.received['ground_truth/features'][-1]),
             codecs.cloud_to_features(self.received['features'][-1]),
             list(codecs.interpretations_from_report(report)),
@@ -225,8 +233,9 @@ class GraphRun:
 
     def image_difference(self, frames: Any, messages: PairMessages) -> int:
         """Pixels in which the node's left image differs from the library's, sensor model included."""
-        expected = sensor_images(frames, self.nodes['RendererNode'].config, pair_index=self.pairs - 1)
-        return int((expected[0] != messages.left).sum())
+        config = self.nodes['RendererNode'].config
+        expected = codecs.array_to_image(sensor_images(frames, config, self.pairs - 1)[0], config.encoding)
+        return int((codecs.gray_from_image(expected, self.bits) != messages.left).sum())
 
     def _connected(self) -> bool:
         recovery, matcher = self.nodes['RecoveryNode'], self.nodes['MatcherNode']
@@ -237,8 +246,9 @@ class GraphRun:
             return bool(node.count_subscribers(f'{namespace}/{topic}') >= count)
 
         return (
-            heard(renderer, 'left/image_rect', 2)
-            and heard(renderer, 'right/image_rect', 2)
+            heard(renderer, 'left/image_rect', 1 if self.raw else 2)
+            and heard(renderer, 'right/image_rect', 1 if self.raw else 2)
+            and (not self.raw or all(heard(renderer, f'{side}/image_raw', 1) for side in ('left', 'right')))
             and heard(renderer, 'left/camera_info', 1)
             and heard(renderer, 'right/camera_info', 1)
             and heard(recovery, 'features', 2)

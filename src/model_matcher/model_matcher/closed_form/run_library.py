@@ -10,14 +10,17 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
-from csg_renderer import ideal_data, load_scene, render_stereo, scene_path
+import numpy as np
+
+from csg_renderer import ideal_data, load_scene, render, render_stereo, scene_path
 from csg_renderer.raycast.render import scene_rig
-from csg_renderer.raycast.sensor import SensorModel, grey
+from msgs_py.numeric.typed import AnyArray, ByteArray
 from stereo_recovery import recover
 from stereo_recovery.pipeline import warm_up as warm_up_recovery
 
 from ..params import MatchParams
 from ..pipeline import match, warm_up
+from .camera_options import camera_pictures
 from .case import Case
 from .comparison import compare_edges, surface_residual
 from .result import CaseResult, judge
@@ -65,11 +68,7 @@ def run_library_case(case: Case, folder: Path, progress: Callable[[str], None] =
         return round(1e3 * (clock[-1] - clock[-2]), 2)
 
     milliseconds = {}
-    frames = render_stereo(scene, rig, antialias=case.antialias)
-    left, right = (
-        SensorModel(case.psf, case.noise, (case.seed, 0, eye)).apply(grey(frame.image))
-        for eye, frame in enumerate(frames)
-    )
+    left, right = camera_pictures(case, scene, rig)
     milliseconds['render'] = lap()
     progress('image')
     recovery = recover(left, right, rig)
@@ -89,13 +88,18 @@ def run_library_case(case: Case, folder: Path, progress: Callable[[str], None] =
         model,
         truth,
         recovery.features,
-        left,
-        right,
+        _bytes(left),
+        _bytes(right),
         edges=compare_edges(truth, recovery.features),
-        surface_residual_m=surface_residual(scene, frames[0]),
+        surface_residual_m=surface_residual(scene, render(scene, rig.left)),
         image_difference=0,
         milliseconds=milliseconds,
     )
     judge(result, matched.interpretations, matched.reason or recovery.reason)
     progress('comparison')
     return result
+
+
+def _bytes(picture: AnyArray) -> ByteArray:
+    """Grey levels as the report shows them."""
+    return np.asarray(np.rint(picture).clip(0, 255), np.uint8)

@@ -11,6 +11,7 @@ import cv2
 
 from msgs_py.files import read_text
 
+from .camera_options import camera_config
 from .case import Case, Limits, is_plain_name
 from .result import CaseResult
 from .scene_files import case_scene, copy_scene
@@ -54,9 +55,11 @@ def load_case(folder: str | Path) -> tuple[Case, Limits]:
         raise ValueError(f"{path}: case: no field 'scene'")
     try:
         values['pose'] = tuple(float(value) for value in values['pose']) if values.get('pose') else None
+        values['camera'] = tuple(values.get('camera') or ())
         for name, value in (*values.items(), *limits.items()):
             _check_kind(name, value)
         case = Case(**values)
+        camera_config(case)
         beside = Path(folder) / case.scene
         # What lies below the folder is the case's own scene, and every other name one of csg_renderer's.
         below = '\0' not in case.scene and beside.resolve().is_relative_to(Path(folder).resolve())
@@ -72,6 +75,7 @@ def _check_kind(name: str, value: Any) -> None:
     texts, numbers = ('scene', 'label'), (int, float)
     good = (
         name == 'pose'
+        or (name == 'camera' and all(isinstance(text, str) for text in value))
         or (value is None and name in ('width', 'height', 'focal', 'baseline', 'label'))
         or (isinstance(value, str) if name in texts else isinstance(value, numbers) and not isinstance(value, bool))
     )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from csg_renderer import Scene, load_scene, model_features
 from csg_renderer.language import find_scene, read_scene
-from msgs_py import FeatureSet, Pose, StereoRig
+from msgs_py import FeatureSet, PinholeCamera, Pose, StereoRig
 
 from .case import Case
 from .placement import case_lights, case_pose, case_rig, load_case_scene, model_centre, stands_as_drawn
@@ -155,30 +156,62 @@ def _text(case: Case, scene: Scene, name: str, pose: Pose, rig: StereoRig, inclu
         for light in case_lights(scene, pose)
     ]
     lines.append(f'DRAW {name} {_matrix(pose)};')
-    lines += [
-        f'DRAW {solid} COLOUR (1, 0.97, 0.9) PAINT FACES {_matrix(place)};'
-        for solid, place in clutter_of(case, scene, pose, rig)
-    ]
+    lines += clutter_lines(clutter_of(case, scene, pose, rig))
     return '\n'.join(lines) + '\n'
+
+
+def clutter_lines(clutter: Sequence[tuple[str, Pose]]) -> list[str]:
+    """Statements of a scene file in metres that draw clutter, see :func:`clutter_about`."""
+    return [f'DRAW {solid} COLOUR (1, 0.97, 0.9) PAINT FACES {_matrix(place)};' for solid, place in clutter]
 
 
 def clutter_of(case: Case, scene: Scene, pose: Pose, rig: StereoRig) -> list[tuple[str, Pose]]:
     """Seeded blocks, notched blocks and cylinders about the object: beside or behind it in the left image."""
     rng = np.random.default_rng([case.seed, 71])
     middle, radius = model_centre(scene)
-    centre = pose.apply(middle)
-    camera = rig.left
-    outline = camera.fx * radius / centre[2]
+    return clutter_about(rng, [(pose.apply(middle), radius)], rig.left, case.clutter, 2.0 * radius)
+
+
+def clutter_about(
+    rng: np.random.Generator,
+    objects: Sequence[tuple[np.ndarray, float]],
+    camera: PinholeCamera,
+    count: int,
+    size_m: float,
+) -> list[tuple[str, Pose]]:
+    """Solids beside or behind objects in a camera's image, at distances like the first one's.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    objects : sequence of (middle, radius)
+        Spheres that nothing may hide or stick in: (3,) float64, metres, camera's frame, and metres.
+    camera : PinholeCamera
+    count : int
+    size_m : float
+        Metres, of an object: theirs are shares of it.
+
+    Returns
+    -------
+    list of (str, Pose)
+        Each as the modelling language has it, and camera_T_solid.
+    """
+    centre = objects[0][0]
     found: list[tuple[str, Pose]] = []
-    while len(found) < case.clutter:
+    while len(found) < count:
         depth = centre[2] * rng.uniform(*CLUTTER_DEPTH)
         pixel = rng.uniform((0.0, 0.0), (camera.width, camera.height))
-        size = 2.0 * radius * rng.uniform(*CLUTTER_SIZE, 3)
-        reach = camera.fx * float(np.linalg.norm(size)) / 2.0 / depth
-        beside = np.linalg.norm(pixel - camera.project(centre)) > outline + reach
-        if not beside and depth < centre[2] + radius + float(np.linalg.norm(size)):
-            # Neither beside nor behind: it would hide the object, or stick in it. Far behind always is free.
-            depth = centre[2] + radius + float(np.linalg.norm(size)) * rng.uniform(1.0, 2.0)
+        size = size_m * rng.uniform(*CLUTTER_SIZE, 3)
+        long = float(np.linalg.norm(size))
+        reach = camera.fx * long / 2.0 / depth
+        behind = [
+            middle[2] + about
+            for middle, about in objects
+            if np.linalg.norm(pixel - camera.project(middle)) <= camera.fx * about / middle[2] + reach
+        ]
+        if behind and depth < max(behind) + long:
+            # Neither beside nor behind: it would hide an object, or stick in it. Far behind always is free.
+            depth = max(behind) + long * rng.uniform(1.0, 2.0)
         place = Pose(Rotation.random(random_state=rng).as_matrix(), camera.rays(pixel) * depth)
         found.append((_solid(rng, size), place))
     return found

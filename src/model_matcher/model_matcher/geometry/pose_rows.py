@@ -10,7 +10,7 @@ from msgs_py.numeric.typed import FloatArray
 
 def as_motion(pose: Pose) -> FloatArray:
     """A pose as a row of twelve: rotation row by row, translation in metres."""
-    return np.append(pose.rotation.ravel(), pose.translation)
+    return np.concatenate((pose.rotation.ravel(), pose.translation))
 
 
 def as_pose(motion: FloatArray) -> Pose:

@@ -211,11 +211,11 @@ def _eliminate(normal: FloatArray, right: FloatArray, sums: FloatArray, sigma: f
     """
     if sigma <= 0.0 or sums[0, 7] <= 0.0:
         return
-    inverse = inverse_of_line(sums[:, 7:], sigma)
+    p, q, r = inverse_of_line(sums, sigma)
     given = np.empty((2, 9))
     for i in range(9):
-        given[0, i] = inverse[0, 0] * sums[0, i] + inverse[0, 1] * sums[1, i]
-        given[1, i] = inverse[1, 0] * sums[0, i] + inverse[1, 1] * sums[1, i]
+        given[0, i] = p * sums[0, i] + q * sums[1, i]
+        given[1, i] = q * sums[0, i] + r * sums[1, i]
     for i in range(6):
         right[i] -= given[0, i] * sums[0, 6] + given[1, i] * sums[1, 6]
         for j in range(i + 1):
@@ -242,9 +242,12 @@ def add_to_line(sums: FloatArray, weight: float, abscissa: float, slope: FloatAr
 
 
 @njit(nogil=True)
-def inverse_of_line(weights: FloatArray, sigma: float) -> FloatArray:
-    """Covariance (2, 2) of offset and slope, of sigma beforehand, by points of so much weight (2, 2)."""
+def inverse_of_line(sums: FloatArray, sigma: float) -> tuple[float, float, float]:
+    """Covariance of offset and slope, of sigma beforehand, by points of so much weight: (0, 0), (0, 1) and (1, 1).
+
+    sums : (2, 9), see :func:`add_to_line`
+    """
     prior = 1.0 / (sigma * sigma)
-    a, b, c = weights[0, 0] + prior, weights[0, 1], weights[1, 1] + prior
+    a, b, c = sums[0, 7] + prior, sums[0, 8], sums[1, 8] + prior
     scale = 1.0 / (a * c - b * b)
-    return np.array([[scale * c, -scale * b], [-scale * b, scale * a]])
+    return scale * c, -scale * b, scale * a

@@ -11,18 +11,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
 from msgs_py import Pose
-from msgs_py.numeric.typed import ByteArray, FloatArray, Int8Array
+from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import ByteArray, FloatArray, Int8Array, Int32Array
 
 from ..geometry.least_squares import covariances
 from ..geometry.pose_rows import as_motion, as_pose
 from .alignment import Steps, align
-from .model_error import FIRST_ERROR, NO_ERROR, ModelError, fitted_model_error
+from .model_error import FIRST_ERROR, NO_ERROR, ModelError, settled
 from .neighbours import neighbours
-from .presence import bent, chance_beside, confirmations, crowded, log_ratio
+from .presence import shown_outline
 from .profiles import Stretches, find_steps, fit_steps
 from .settings import (
     BLUR_POINTS,
@@ -42,7 +44,6 @@ from .settings import (
     SPACING,
     STRONG,
     TO_ERROR,
-    TO_POSE,
     TONE_NATS,
     TONES,
 )
@@ -168,50 +169,55 @@ def _draw_in(shape: Shape, motion: FloatArray, views: Views, sight: Sight) -> No
     laid(shape, motion, views, sight, steps, np.array(DRAWN_IN), NO_ERROR, elsewhere(steps, REACH))
 
 
+class _Laid(NamedTuple):
+    """A pose (12,) laid on fitted steps; the rest as :func:`settled` returns it."""
+
+    motion: FloatArray
+    residual: FloatArray
+    weight: FloatArray
+    normal: FloatArray
+    error: ModelError
+
+
 def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
     """The pose from fitted steps, from one (12,) that is a pixel off at most; see :func:`measure_pose`.
 
     Whether the camera codes light by a tone curve is not said in an image. A wrong curve moves every step to its dark
     side, and which side that is differs from edge to edge: the right one leaves the outline less to be off.
     """
+    outline = outline_of(shape, as_pose(motion), views.cameras, views.poses)
+    sight = drawn(outline, motion, shape.centre, views)
+    if len(sight) < FEWEST_POINTS:
+        return _nothing(motion, Presence(-np.inf, 0.0, sight, np.zeros(len(sight), np.int8)))
+    density = elsewhere(searched(sight, views, NEAR), NEAR)
     if views.tone[0] > 0.0:
-        return _polished(shape, motion, views)
-    found = []
-    for tone in TONES:
-        views.tone[0], views.blur[:] = tone, 0.0
-        found.append((_polished(shape, motion, views), views.blur.copy()))
-    linear, coded = (one for one, _ in found)
-    curves = len(np.unique(linear.presence.sight.placed.group))
-    unknowns = max(2 * curves - POSE_UNKNOWNS, 0)
-    of_lines = [np.hypot(one.error.curve, one.error.view) + NOT_ZERO for one in (linear, coded)]
-    gain = unknowns * np.log(of_lines[0] / of_lines[1])
-    best = int(gain > TONE_NATS)
-    views.tone[0], views.blur[:] = TONES[best], found[best][1]
-    return found[best][0]
-
-
-def _polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
-    """As :func:`polished`, with the tone curve of the views."""
-    motion = motion.copy()
-    density = 0.0
-    error = FIRST_ERROR
-    residual = weight = np.zeros(0)
-    normal = np.zeros((6, 6))
-    for last in (False, True):
-        outline = outline_of(shape, as_pose(motion), views.cameras, views.poses)
-        sight = drawn(outline, motion, shape.centre, views)
-        if len(sight) < FEWEST_POINTS:
-            return _nothing(motion, Presence(-np.inf, 0.0, sight, np.zeros(len(sight), np.int8)))
-        if not last:
-            near = searched(sight, views, NEAR)
-            density = elsewhere(near, NEAR)
-        steps = fitted(sight, views)
-        residual, weight, normal, error = settled(shape, motion, views, sight, steps, error, density, TO_ERROR)
-    pose = as_pose(motion)
+        laid_on = _laid_on_fitted(shape, motion, views, sight, density)
+    else:
+        found = []
+        for tone in TONES:
+            views.tone[0], views.blur[:] = tone, 0.0
+            found.append((_laid_on_fitted(shape, motion, views, sight, density), views.blur.copy()))
+        curves = len(np.unique(sight.placed.group))
+        of_lines = [np.hypot(one.error.curve, one.error.view) + NOT_ZERO for one, _ in found]
+        gain = max(2 * curves - POSE_UNKNOWNS, 0) * np.log(of_lines[0] / of_lines[1])
+        best = int(gain > TONE_NATS)
+        laid_on, views.tone[0], views.blur[:] = found[best][0], TONES[best], found[best][1]
+    pose = as_pose(laid_on.motion)
     arm = (pose.translation - pose.apply(shape.centre))[None]
-    covariance = covariances(normal[None], np.ones(1), arm, shape.size)[0]
-    there = shown(drawn(outline, motion, shape.centre, views), views)[0]
-    return ImagePose(pose, covariance, there, residual, weight, error)
+    covariance = covariances(laid_on.normal[None], np.ones(1), arm, shape.size)[0]
+    there = shown(drawn(outline, laid_on.motion, shape.centre, views), views)[0]
+    return ImagePose(pose, covariance, there, laid_on.residual, laid_on.weight, laid_on.error)
+
+
+def _laid_on_fitted(shape: Shape, motion: FloatArray, views: Views, sight: Sight, density: float) -> _Laid:
+    """A pose near (12,), with the tone curve of the views; density : see :func:`elsewhere`."""
+    steps = fitted(sight, views)
+    # While the outline may be off by much, a turn that little tells of goes after whatever runs beside its edges: the
+    # pose is laid anew once it is known by how little.
+    about = shape.centre, views.rows, sight.placed, steps
+    error = settled(motion.copy(), *about, FIRST_ERROR, density, TO_ERROR)[-1]
+    motion = motion.copy()
+    return _Laid(motion, *settled(motion, *about, error, density, TO_ERROR))
 
 
 def presence(shape: Shape, pose: Pose, views: Views, spacing: float = SPACING) -> Presence:
@@ -243,15 +249,8 @@ def shown(
     steps = searched(sight, views, REACH + 1) if steps is None else steps
     if not len(sight):
         return Presence(-np.inf, 0.0, sight, np.zeros(0, np.int8)), steps
-    placed = sight.placed
-    chance = chance_beside(steps, placed.group, in_space)
-    found = confirmations(steps.offset, steps.number, 0.0)
-    inside = found >= 0
-    support = float(np.average(found[inside], weights=sight.spacing[inside])) if inside.any() else 0.0
-    found[crowded(placed)] = -1
-    is_bent = bent(placed.point, placed.curve, sight.limb)
-    ratio = log_ratio(found, placed.group, placed.curve, is_bent, chance)
-    return Presence(float(ratio), support, sight, found), steps
+    ratio, support, found = shown_outline(sight.placed, sight.spacing, sight.limb, steps, in_space)
+    return Presence(ratio, support, sight, found), steps
 
 
 def searched(sight: Sight, views: Views, reach: int) -> Steps:
@@ -277,9 +276,19 @@ def searched(sight: Sight, views: Views, reach: int) -> Steps:
 
 def elsewhere(steps: Steps, reach: int) -> float:
     """Steps a pixel that are not the outline's, over the chance that a point of it shows one."""
-    inside = steps.number >= 0
-    each = float(steps.number[inside].mean()) if inside.any() else 0.0
+    each: float = _mean_number(steps.number)
     return max(each, 1.0 / CANDIDATES) / (2 * reach + 1) / SHOWN
+
+
+@njit(nogil=True)
+def _mean_number(number: Int32Array) -> float:
+    """Steps of a profile, of those inside their images; 0 where none is."""
+    inside, total = 0, 0
+    for one in number:
+        if one >= 0:
+            inside += 1
+            total += one
+    return total / max(inside, 1)
 
 
 def fitted(sight: Sight, views: Views) -> Steps:
@@ -363,32 +372,6 @@ def laid(
         normal,
     )
     return residual, weight, normal
-
-
-def settled(
-    shape: Shape,
-    motion: FloatArray,
-    views: Views,
-    sight: Sight,
-    steps: Steps,
-    error: ModelError,
-    density: float,
-    rounds: int,
-) -> tuple[FloatArray, FloatArray, FloatArray, ModelError]:
-    """Lay a pose (12,) on fitted steps, in place, and tell the outline's errors, in turns; until too few points count.
-
-    Returns
-    -------
-    residual, weight, normal
-        As :func:`laid`.
-    error : ModelError
-    """
-    for _ in range(rounds):
-        residual, weight, normal = laid(shape, motion, views, sight, steps, np.zeros(TO_POSE), error, density)
-        if (weight > 0.0).sum() < FEWEST_POINTS:
-            break
-        error = fitted_model_error(sight.placed, residual, weight, steps.variance, normal, error)
-    return residual, weight, normal, error
 
 
 def _nothing(motion: FloatArray, there: Presence) -> ImagePose:

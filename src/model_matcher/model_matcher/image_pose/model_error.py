@@ -17,8 +17,9 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.robust import NORMAL_QUARTILE
 from msgs_py.numeric.typed import FloatArray, IntArray
 
-from .alignment import Placed, add_to_line, inverse_of_line
-from .settings import FIRST_CURVE_ERROR, FIRST_POINT_ERROR, NOT_ZERO, SETTLED, SIGMA_TURNS
+from ..geometry.settings import ROUNDING
+from .alignment import Placed, Steps, add_to_line, align, inverse_of_line
+from .settings import FEWEST_POINTS, FIRST_CURVE_ERROR, FIRST_POINT_ERROR, NOT_ZERO, SETTLED, SIGMA_TURNS, TO_POSE
 
 
 class ModelError(NamedTuple):
@@ -44,6 +45,49 @@ NO_ERROR = ModelError(0.0, 0.0, 0.0)
 FIRST_ERROR = ModelError(FIRST_CURVE_ERROR, FIRST_CURVE_ERROR, FIRST_POINT_ERROR)
 
 
+@njit(nogil=True)
+def settled(
+    motion: FloatArray,
+    middle: FloatArray,
+    cameras: FloatArray,
+    placed: Placed,
+    steps: Steps,
+    error: ModelError,
+    density: float,
+    rounds: int,
+) -> tuple[FloatArray, FloatArray, FloatArray, ModelError]:
+    """Lay a pose on fitted steps, in place, and tell the outline's errors, in turns; until too few points count.
+
+    Parameters
+    ----------
+    motion, middle, cameras, placed, steps
+        See :func:`.alignment.align`.
+    error : ModelError
+        To begin with.
+    density : float
+        Steps a pixel that are not the outline's, over the chance that a point of it shows one.
+    rounds : int
+
+    Returns
+    -------
+    residual, weight, normal : (n,), (n,), (6, 6) float64
+        See :func:`.alignment.align`.
+    error : ModelError
+    """
+    n = len(placed.eye)
+    residual, weight, normal = np.empty(n), np.empty(n), np.zeros((6, 6))
+    widths, prior = np.zeros(TO_POSE), np.zeros((6, 6))
+    for _ in range(rounds):
+        curve, view, point = error
+        own = Steps(steps.offset, steps.number, steps.variance + point**2)
+        align(motion, middle, cameras, placed, own, widths, density, (curve, view), prior, residual, weight, normal)
+        if (weight > 0.0).sum() < FEWEST_POINTS:
+            break
+        error = fitted_model_error(placed, residual, weight, steps.variance, normal, error)
+    return residual, weight, normal, error
+
+
+@njit(nogil=True)
 def fitted_model_error(
     placed: Placed,
     residual: FloatArray,
@@ -74,9 +118,17 @@ def fitted_model_error(
     ModelError
     """
     least = math.sqrt(NOT_ZERO)
-    sigmas = max(before.curve, least), max(before.view, least)
-    pose = np.linalg.pinv(normal, hermitian=True)
-    return ModelError(*_sigmas(placed, residual, weight, variance, pose, sigmas))
+    common, in_view, _ = before
+    sigmas = max(common, least), max(in_view, least)
+    # A root of its pseudo-inverse: a direction of which nothing is known takes nothing.
+    values, axes = np.linalg.eigh(normal)
+    root = np.zeros((6, 6))
+    for q in range(6):
+        if values[q] > ROUNDING * values[5]:
+            for i in range(6):
+                root[i, q] = axes[i, q] / math.sqrt(values[q])
+    curve, view, point = _sigmas(placed, residual, weight, variance, root, sigmas)
+    return ModelError(curve, view, point)
 
 
 @njit(nogil=True)
@@ -85,66 +137,110 @@ def _sigmas(
     residual: FloatArray,
     weight: FloatArray,
     variance: FloatArray,
-    pose: FloatArray,
+    root: FloatArray,
     before: tuple[float, float],
 ) -> tuple[float, float, float]:
-    """As :func:`fitted_model_error`; pose : (6, 6), its covariance; before : sigmas of curve and view."""
+    """As :func:`fitted_model_error`.
+
+    root : (6, 6), that times its transpose is the covariance of the pose; before : sigmas of curve and view
+    """
     group, curve = placed.group, placed.curve
     # Of each curve in a view.
-    sums, of_curve = np.zeros((group.max() + 1, 2, 9)), np.full(group.max() + 1, -1)
+    groups = group.max() + 1
+    sums, of_curve = np.zeros((groups, 2, 9)), np.full(groups, -1)
     for k in range(len(curve)):
         if not weight[k] > 0.0:
             continue
         of_curve[group[k]] = curve[k]
         add_to_line(sums[group[k]], weight[k], placed.abscissa[k], placed.slope[k], residual[k])
+    # Derivatives by independent unknowns of variance 1 instead of the pose: what depends on it has the variance of its
+    # squared derivatives.
+    own = np.empty(6)
+    for g in range(groups):
+        if of_curve[g] < 0:
+            continue
+        for line in range(2):
+            own[:] = sums[g, line, :6]
+            for q in range(6):
+                total = 0.0
+                for i in range(6):
+                    total += own[i] * root[i, q]
+                sums[g, line, q] = total
     common, view = before
-    shared, own = np.zeros((0, 2)), np.zeros((0, 2))
+    most = of_curve.max() + 1
+    lines = _Lines(
+        np.zeros((most, 2)),
+        np.zeros((groups, 2)),
+        np.zeros((most, 2, 9)),
+        np.zeros((most, 2, 2)),
+        np.zeros((most, 2, 6)),
+    )
     for _ in range(SIGMA_TURNS):
         last = common + view
-        shared, own, common, view = _lines(sums, of_curve, pose, common + NOT_ZERO, view + NOT_ZERO)
+        common, view = _expected(sums, of_curve, common + NOT_ZERO, view + NOT_ZERO, lines)
         if abs(common + view - last) < SETTLED * last:
             break
     inner, noise, n = np.empty(len(curve)), np.empty(len(curve)), 0
     for k in range(len(curve)):
         if weight[k] > 0.0:
-            off = shared[curve[k]] + own[group[k]]
+            off = lines.shared[curve[k]] + lines.own[group[k]]
             inner[n], noise[n] = abs(residual[k] - off[0] - off[1] * placed.abscissa[k]), variance[k]
             n += 1
     point = (np.median(inner[:n]) / NORMAL_QUARTILE) ** 2 - np.median(noise[:n])
     return common, view, math.sqrt(max(point, 0.0))
 
 
-@njit(nogil=True)
-def _lines(
-    sums: FloatArray, of_curve: IntArray, pose: FloatArray, curve: float, view: float
-) -> tuple[FloatArray, FloatArray, float, float]:
-    """Offset and slope of each curve in all views (c, 2), and in one besides (g, 2); the sigmas that are next.
+class _Lines(NamedTuple):
+    """By what lines curves are off.
 
-    sums, of_curve, pose : see :func:`_sigmas`; curve, view : sigmas before
+    Attributes
+    ----------
+    shared, own : (c, 2), (g, 2) float64
+        Offset and slope of each curve in all views, and in one view besides.
+    whole, alone, turned : (c, 2, 9), (c, 2, 2), (c, 2, 6) float64
+        Of each curve: its sums less what single views take of them; the covariance of its line when the pose is known,
+        and how that turns with the pose.
     """
-    most = of_curve.max() + 1
-    whole, alone, turned = np.zeros((most, 2, 9)), np.zeros((most, 2, 2)), np.zeros((most, 2, 6))
-    line, besides, by_pose = np.zeros((most, 2)), np.zeros((len(sums), 2)), np.empty((2, 6))
+
+    shared: FloatArray
+    own: FloatArray
+    whole: FloatArray
+    alone: FloatArray
+    turned: FloatArray
+
+
+@njit(nogil=True)
+def _expected(sums: FloatArray, of_curve: IntArray, curve: float, view: float, lines: _Lines) -> tuple[float, float]:
+    """Fill in the lines; the sigmas that are next.
+
+    sums : (g, 2, 9), see :func:`_sigmas`; of_curve : (g,); curve, view : sigmas before
+    """
+    most, whole, alone, turned = len(lines.whole), lines.whole, lines.alone, lines.turned
+    whole[:] = 0.0
     for g in range(len(sums)):
         if of_curve[g] < 0:
             continue
-        own, inverse, rest = sums[g], inverse_of_line(sums[g][:, 7:], view), whole[of_curve[g]]
+        own, rest = sums[g], whole[of_curve[g]]
+        p, q, r = inverse_of_line(own, view)
         for j in range(9):
-            first = inverse[0, 0] * own[0, j] + inverse[0, 1] * own[1, j]
-            second = inverse[1, 0] * own[0, j] + inverse[1, 1] * own[1, j]
+            first, second = p * own[0, j] + q * own[1, j], q * own[0, j] + r * own[1, j]
             rest[0, j] += own[0, j] - own[0, 7] * first - own[0, 8] * second
             rest[1, j] += own[1, j] - own[1, 7] * first - own[1, 8] * second
-    # The line of each curve, its covariance when the pose is known, and how it turns with the pose.
     squares, curves = 0.0, 0
     for c in range(most):
         if whole[c, 0, 7] <= 0.0:
+            lines.shared[c] = 0.0
             continue
-        alone[c] = inverse_of_line(whole[c][:, 7:], curve)
+        alone[c, 0, 0], alone[c, 0, 1], alone[c, 1, 1] = inverse_of_line(whole[c], curve)
+        alone[c, 1, 0] = alone[c, 0, 1]
         for i in range(2):
-            line[c, i] = alone[c, i, 0] * whole[c, 0, 6] + alone[c, i, 1] * whole[c, 1, 6]
+            line = alone[c, i, 0] * whole[c, 0, 6] + alone[c, i, 1] * whole[c, 1, 6]
+            lines.shared[c, i] = line
+            squares += line * line + alone[c, i, i]
             for j in range(6):
-                turned[c, i, j] = -alone[c, i, 0] * whole[c, 0, j] - alone[c, i, 1] * whole[c, 1, j]
-            squares += line[c, i] ** 2 + alone[c, i, i] + _form(turned[c, i], pose)
+                by_pose = -alone[c, i, 0] * whole[c, 0, j] - alone[c, i, 1] * whole[c, 1, j]
+                turned[c, i, j] = by_pose
+                squares += by_pose * by_pose
         curves += 1
     common = math.sqrt(squares / max(2 * curves, 1))
     squares, views = 0.0, 0
@@ -152,28 +248,22 @@ def _lines(
         c = of_curve[g]
         if c < 0:
             continue
-        own, inverse = sums[g], inverse_of_line(sums[g][:, 7:], view)
+        own = sums[g]
+        p, q, r = inverse_of_line(own, view)
         for i in range(2):
+            here, other = (p, q) if i == 0 else (q, r)
             # What the offset and the slope of the whole curve take of this one.
-            first = inverse[i, 0] * own[0, 7] + inverse[i, 1] * own[1, 7]
-            second = inverse[i, 0] * own[0, 8] + inverse[i, 1] * own[1, 8]
-            of_own = inverse[i, 0] * own[0, 6] + inverse[i, 1] * own[1, 6]
-            besides[g, i] = of_own - first * line[c, 0] - second * line[c, 1]
+            first = here * own[0, 7] + other * own[1, 7]
+            second = here * own[0, 8] + other * own[1, 8]
+            besides = here * own[0, 6] + other * own[1, 6]
+            besides -= first * lines.shared[c, 0] + second * lines.shared[c, 1]
+            lines.own[g, i] = besides
+            squares += besides * besides + (p if i == 0 else r)
+            squares += first * first * alone[c, 0, 0] + 2.0 * first * second * alone[c, 0, 1]
+            squares += second * second * alone[c, 1, 1]
             for j in range(6):
-                by_pose[i, j] = inverse[i, 0] * own[0, j] + inverse[i, 1] * own[1, j]
-                by_pose[i, j] += first * turned[c, 0, j] + second * turned[c, 1, j]
-            of_line = first * first * alone[c, 0, 0] + 2.0 * first * second * alone[c, 0, 1]
-            of_line += second * second * alone[c, 1, 1]
-            squares += besides[g, i] ** 2 + inverse[i, i] + of_line + _form(by_pose[i], pose)
+                by_pose = here * own[0, j] + other * own[1, j]
+                by_pose += first * turned[c, 0, j] + second * turned[c, 1, j]
+                squares += by_pose * by_pose
         views += 1
-    return line, besides, common, math.sqrt(squares / max(2 * views, 1))
-
-
-@njit(nogil=True)
-def _form(row: FloatArray, pose: FloatArray) -> float:
-    """Variance of what depends on the pose by so much (6,)."""
-    total = 0.0
-    for i in range(6):
-        for j in range(6):
-            total += row[i] * pose[i, j] * row[j]
-    return total
+    return common, math.sqrt(squares / max(2 * views, 1))

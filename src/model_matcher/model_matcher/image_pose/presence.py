@@ -35,6 +35,9 @@ from .settings import (
     STOPS,
 )
 
+# A product below is taken the logarithm of, before it leaves the range of numbers with the next factors.
+SMALLEST = 1e-250
+
 
 class Chance(NamedTuple):
     """What chance confirms.
@@ -70,6 +73,7 @@ def confirmations(offset: FloatArray, count: Int32Array, at: float) -> Int8Array
     return out
 
 
+@njit(nogil=True)
 def chance_beside(steps: Steps, group: Int32Array, in_space: tuple[float, float]) -> Chance:
     """What chance confirms of an outline in these images: counted beside it, with what is believed beforehand.
 
@@ -97,8 +101,16 @@ def _count_beside(
     for i in range(3):
         yes[i], all_[i] = PRIOR_CHANCES[i][0], PRIOR_CHANCES[i][1]
     in_runs, points = 0.0, 0.0
-    for at in CONTROLS:
-        found = confirmations(offset, count, at)
+    # Which of CONTROLS have a step near, a bit each: a point has few steps.
+    beside = np.zeros(len(count), np.uint8)
+    for k in range(len(count)):
+        for j in range(count[k]):
+            for bit in range(len(CONTROLS)):
+                beside[k] |= np.uint8((abs(offset[k, j] - CONTROLS[bit]) <= ON_EDGE) << bit)
+    found = np.empty(len(count), np.int8)
+    for bit in range(len(CONTROLS)):
+        for k in range(len(count)):
+            found[k] = -1 if count[k] < 0 else (beside[k] >> bit) & 1
         run, length = 0, 0
         for k in range(len(found) + 1):
             ends = k == len(found) or (k > 0 and group[k] != group[k - 1])
@@ -125,11 +137,22 @@ def crowded(placed: Placed) -> BoolArray:
     """Points, (n,) bool, that a curve before theirs passes so near that one step of the image would confirm both."""
     out = np.zeros(len(placed.eye), np.bool_)
     begin, box = curve_boxes(placed)
+    near = np.empty(len(box), np.int32)
     for one in range(len(box)):
+        # Curves whose boxes come near the box of this one; most do not.
+        count = 0
+        for other in range(one - 1, -1, -1):
+            if placed.eye[begin[other]] != placed.eye[begin[one]]:
+                break
+            apart = max(box[one, 0] - box[other, 2], box[other, 0] - box[one, 2])
+            apart = max(apart, box[one, 1] - box[other, 3], box[other, 1] - box[one, 3])
+            if apart <= OWN_STEP:
+                near[count] = other
+                count += 1
         for k in range(begin[one], begin[one + 1]):
             u, v = placed.pixel[k, 0], placed.pixel[k, 1]
-            for other in range(one - 1, -1, -1):
-                if out[k] or placed.eye[begin[other]] != placed.eye[k]:
+            for other in near[:count]:
+                if out[k]:
                     break
                 if beside_box(box, other, u, v, OWN_STEP):
                     continue
@@ -194,14 +217,22 @@ def bent(point: FloatArray, curve: Int32Array, limb: FloatArray) -> BoolArray:
         c = curve[k]
         if limb[k] != 0.0:
             out[c] = True
-        elif first[c] < 0:
+        if out[c]:
+            continue
+        if first[c] < 0:
             first[c] = k
         elif second[c] < 0:
             second[c] = k
         else:
-            a, b = point[second[c]] - point[first[c]], point[k] - point[first[c]]
-            x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-            out[c] |= x * x + y * y + z * z > NOT_ZERO * (a * a).sum() * (b * b).sum()
+            i, j = first[c], second[c]
+            ax, ay, az = point[j, 0] - point[i, 0], point[j, 1] - point[i, 1], point[j, 2] - point[i, 2]
+            bx, by, bz = point[k, 0] - point[i, 0], point[k, 1] - point[i, 1], point[k, 2] - point[i, 2]
+            x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+            # Points that two views have in common are one but for rounding, and have no direction from each other.
+            one, other = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz
+            out[c] = x * x + y * y + z * z > NOT_ZERO * max(one, other) ** 2
+            if other > one:
+                second[c] = k
     return out
 
 
@@ -212,6 +243,8 @@ def _along_curve(found: Int8Array, chance: Chance) -> tuple[float, float]:
     Both are 0 where nothing is in view.
     """
     runs, none, before = 0.0, 0.0, -1
+    # Products of the likelihoods of points, of which logarithms are taken before they leave the range of numbers.
+    by_runs, by_none = 1.0, 1.0
     seen = REVEALED / (REVEALED + STOPS)
     hidden = 1.0 - seen
     for one in found:
@@ -223,12 +256,16 @@ def _along_curve(found: Int8Array, chance: Chance) -> tuple[float, float]:
             seen, hidden = seen * (1.0 - STOPS) + hidden * REVEALED, hidden * (1.0 - REVEALED) + seen * STOPS
         if not one:
             by_chance, by_edge = 1.0 - by_chance, 1.0 - by_edge
-        none += math.log(by_chance)
+        by_none *= by_chance
         seen, hidden = seen * by_edge, hidden * by_chance
         here = seen + hidden
-        runs += math.log(here)
+        by_runs *= here
         seen, hidden = seen / here, hidden / here
         before = one
+        if by_none < SMALLEST or by_runs < SMALLEST:
+            runs, none = runs + math.log(by_runs), none + math.log(by_none)
+            by_runs, by_none = 1.0, 1.0
+    runs, none = runs + math.log(by_runs), none + math.log(by_none)
     return runs, none
 
 
@@ -292,3 +329,44 @@ def log_ratio(found: Int8Array, group: Int32Array, curve: Int32Array, is_bent: B
     top = parts.max()
     ratio: float = top + math.log(np.exp(parts - top).mean())
     return ratio
+
+
+@njit(nogil=True)
+def shown_outline(
+    placed: Placed, spacing: FloatArray, limb: FloatArray, steps: Steps, in_space: tuple[float, float]
+) -> tuple[float, float, Int8Array]:
+    """What images show of an outline.
+
+    Parameters
+    ----------
+    placed : Placed
+        n points.
+    spacing, limb : (n,) float64
+        See :class:`.sight.Sight`.
+    steps : Steps
+        Found along their normals, as :func:`chance_beside` needs them.
+    in_space : tuple of float
+        See :class:`Chance`.
+
+    Returns
+    -------
+    log_ratio : float
+        Nats.
+    support : float
+        Share of the length inside the images that is confirmed.
+    found : (n,) int8
+        1, 0, or -1 where nothing is said: outside, and where another curve is as near.
+    """
+    chance = chance_beside(steps, placed.group, in_space)
+    found = confirmations(steps.offset, steps.number, 0.0)
+    inside, confirmed = 0.0, 0.0
+    for k in range(len(found)):
+        if found[k] >= 0:
+            inside += spacing[k]
+            confirmed += found[k] * spacing[k]
+    for k, other in enumerate(crowded(placed)):
+        if other:
+            found[k] = -1
+    is_bent = bent(placed.point, placed.curve, limb)
+    ratio = log_ratio(found, placed.group, placed.curve, is_bent, chance)
+    return ratio, confirmed / inside if inside > 0.0 else 0.0, found

@@ -19,6 +19,7 @@ from .settings import (
     LAST_FIT_STEP,
     LONGEST_FIT_STEP,
     OFF_PREDICTED,
+    SHADING,
     SIGNIFICANT,
     TAPS,
 )
@@ -62,8 +63,12 @@ def profile(
     bend: float,
     reach: int,
     out: FloatArray,
+    looked_up: FloatArray,
 ) -> bool:
     """Grey levels at whole pixels along a normal, each the mean of a stretch along the tangent.
+
+    An image is looked up bilinearly between its pixels. That blurs it along the normal, by nothing on a pixel and by
+    half a pixel between two, and more to one side than to the other beside them.
 
     Parameters
     ----------
@@ -80,6 +85,8 @@ def profile(
         Pixels to either side.
     out : (2 reach + 1,) float64
         Filled.
+    looked_up : (2, 2 reach + 1) float64
+        Filled with the variance and the third central moment of that blur: pixels squared, pixels cubed.
 
     Returns
     -------
@@ -91,7 +98,7 @@ def profile(
     u, v, nx, ny = at
     count = max(1, int(round(spacing)))
     for k in range(2 * reach + 1):
-        total = 0.0
+        total = variance_x = variance_y = third_x = third_y = 0.0
         for j in range(count):
             along = spacing * ((j + 0.5) / count - 0.5)
             across = k - reach + 0.5 * bend * along * along
@@ -103,7 +110,13 @@ def profile(
             top = (1.0 - a) * levels[image[j0, i0]] + a * levels[image[j0, i1]]
             low = (1.0 - a) * levels[image[j1, i0]] + a * levels[image[j1, i1]]
             total += (1.0 - b) * top + b * low
+            variance_x += a * (1.0 - a)
+            variance_y += b * (1.0 - b)
+            third_x += a * (1.0 - a) * (2.0 * a - 1.0)
+            third_y += b * (1.0 - b) * (2.0 * b - 1.0)
         out[k] = total / count
+        looked_up[0, k] = (nx**2 * variance_x + ny**2 * variance_y) / count
+        looked_up[1, k] = (nx**3 * third_x + ny**3 * third_y) / count
     return True
 
 
@@ -225,10 +238,11 @@ def find_steps(
 def fit_steps(
     image: ByteArray, outline: Stretches, beside: FloatArray, tone: float, blur: float, noise: float, fitted: FloatArray
 ) -> None:
-    """The steps of an outline fitted to the profiles across it: a + sum of b_k Phi((x - o_k - d_k) / blur).
+    """The steps of an outline fitted to the profiles across it: a + sum of b_k Phi((x - o_k - d_k) / blur) + a walk.
 
-    Least squares in the levels and the places. The derivative by a place is largest at its step, so that nothing which
-    white noise allows is given away (the maximum of a filter gives up a third).
+    Least squares in contrasts and places. The derivative by a place is largest at its step, so that nothing which white
+    noise allows is given away (the maximum of a filter gives up a third). Shade, print and grain make the levels wander
+    beside a step, the farther the more: what is far from it says the less of its place.
 
     Parameters
     ----------
@@ -239,7 +253,7 @@ def fit_steps(
     tone : float
         Exponent that makes light of grey levels: what is blurred is light, not its code.
     blur : float
-        Pixels, sigma.
+        Pixels, sigma, of the image on its pixels; looking it up between them adds to it.
     noise : float
         Grey levels of the image, sigma.
     fitted : (n, 4) float64
@@ -247,76 +261,182 @@ def fit_steps(
         number where the profile leaves the image, shows no step or one farther than FARTHEST_STEP away.
     """
     levels = 255.0 * (np.arange(256.0) / 255.0) ** tone
-    grey = np.empty(2 * FLANK + 1)
-    most = 4 + 2 * beside.shape[1]
-    row, right, x = np.empty(most), np.empty(most), np.empty(most)
-    normal, low = np.empty((most, most)), np.empty((most, most))
+    grey, blurs = np.empty(2 * FLANK + 1), np.empty((2, 2 * FLANK + 1))
+    most = 3 + 2 * beside.shape[1]
+    x, low = np.empty(most), np.empty((most, most))
+    wide = 2 * FLANK + 1
+    sums = _Sums(
+        np.empty((most, most)),
+        np.empty(most),
+        np.empty((most + 1, wide)),
+        np.empty(most),
+        np.empty(wide),
+        np.empty(wide),
+    )
     fitted[:] = np.nan
     for n in range(len(outline.spacing)):
         r = outline.flank[n]
-        stretch = max(outline.spacing[n], 1.0)
         at = (outline.pixel[n, 0], outline.pixel[n, 1], outline.normal[n, 0], outline.normal[n, 1])
-        if r == 0 or not profile(image, levels, at, outline.spacing[n], outline.bend[n], r, grey):
+        if r == 0 or not profile(image, levels, at, outline.spacing[n], outline.bend[n], r, grey, blurs):
             continue
-        size = 3
-        while size < most - 1 and not math.isnan(beside[n, (size - 3) // 2]):
-            size += 2
-        steps = size
-        if outline.limb[n] != 0.0:
-            size += 1
-        # What is believed beforehand of contrasts and places, in units of the noise of a pixel of the profile.
+        steps = 2
+        while steps < most - 1 and not math.isnan(beside[n, steps // 2 - 1]):
+            steps += 2
+        size = steps + (outline.limb[n] != 0.0)
+        for k in range(2 * r + 1):
+            narrow = 1.0 / math.sqrt(blur * blur + blurs[0, k])
+            blurs[0, k], blurs[1, k] = narrow, blurs[1, k] * narrow**3 / 6.0
+        # What a grey level of the image is in light, here.
         mean = max(grey[: 2 * r + 1].mean(), 1.0) / 255.0
-        variance = (noise * tone * mean ** (1.0 - 1.0 / tone)) ** 2 / stretch
-        ridge_level, ridge_place = variance / CONTRAST**2, variance / OFF_PREDICTED**2
+        light = tone * mean ** (1.0 - 1.0 / tone)
+        variance = (noise * light) ** 2 / max(outline.spacing[n], 1.0)
+        how = _Fit(steps, size, outline.limb[n], variance, (SHADING * light) ** 2)
         x[:] = 0.0
         squares = 0.0
+        _whiten(2 * r + 1, how, sums)
         for turn in range(FIT_TURNS):
-            normal[:], right[:] = 0.0, 0.0
-            squares = 0.0
-            for k in range(2 * r + 1):
-                # Unknowns: place and contrast of each step, first the point's own, and the level before all.
-                row[0] = 1.0
-                e = grey[k] - x[0]
-                for j in range(1, steps, 2):
-                    t = (k - r - x[j] - (beside[n, (j - 3) // 2] if j > 1 else 0.0)) / blur
-                    bell = math.exp(-0.5 * t * t)
-                    row[j + 1] = _normal_integral(t, bell)
-                    row[j] = -x[j + 1] * bell * 0.3989422804014327 / blur
-                    e -= x[j + 1] * row[j + 1]
-                if size > steps:
-                    # Near the limb of a curved surface its normal, and with it the shading, turns with the root of the
-                    # distance.
-                    row[steps] = math.sqrt(max(outline.limb[n] * (k - r - x[1]), 0.0))
-                    e -= x[steps] * row[steps]
-                squares += e * e
-                for i in range(size):
-                    right[i] += row[i] * e
-                    for j in range(i + 1):
-                        normal[i, j] += row[i] * row[j]
-            for j in range(1, steps, 2):
-                normal[j, j] += ridge_place
-                right[j] -= ridge_place * x[j]
-                normal[j + 1, j + 1] += ridge_level
-                right[j + 1] -= ridge_level * x[j + 1]
-            if size > steps:
-                normal[steps, steps] += ridge_level
-                right[steps] -= ridge_level * x[steps]
-            if not cholesky(normal, size, low):
+            squares = _normal_equations(grey[: 2 * r + 1], blurs, beside[n], how, x, sums)
+            if not cholesky(sums.normal, size, low):
                 break
-            _solve(low, size, right)
-            for j in range(1, steps, 2):
-                right[j] = 0.0 if turn == 0 else min(max(right[j], -LONGEST_FIT_STEP), LONGEST_FIT_STEP)
+            _solve(low, size, sums.right)
+            for j in range(0, steps, 2):
+                longest = LONGEST_FIT_STEP if turn else 0.0
+                sums.right[j] = min(max(sums.right[j], -longest), longest)
             for i in range(size):
-                x[i] += right[i]
-            if turn > 0 and abs(right[1]) < LAST_FIT_STEP:
+                x[i] += sums.right[i]
+            if turn > 0 and abs(sums.right[0]) < LAST_FIT_STEP:
                 break
-        if not abs(x[1]) < FARTHEST_STEP or abs(x[2]) < SIGNIFICANT * math.sqrt(variance):
+        if not abs(x[0]) < FARTHEST_STEP or abs(x[1]) < SIGNIFICANT * math.sqrt(variance):
             continue
-        fitted[n, 0], fitted[n, 2] = x[1], x[2]
-        fitted[n, 3] = squares / max(2 * r + 1 - size, 1)
+        unexplained = squares / max(2 * r - size, 1)
+        fitted[n, 0], fitted[n, 2], fitted[n, 3] = x[0], x[1], unexplained * variance
         # Where the profile is not what the outline says, the step is known as badly as the rest is explained: the noise
         # of the image counts as many residuals as the profile has.
-        fitted[n, 1] = _variance(low, size, 1) * 0.5 * (variance + fitted[n, 3])
+        fitted[n, 1] = _variance(low, size, 0) * 0.5 * (1.0 + unexplained)
+
+
+class _Fit(NamedTuple):
+    """What is fitted to one profile.
+
+    Attributes
+    ----------
+    steps, size : int
+        Unknowns of the steps, place and contrast of each, the point's own first; all unknowns.
+    limb : float
+        See :class:`Stretches`.
+    variance, walk : float
+        Of the noise of a pixel of the profile, and of the walk from one to the next.
+    """
+
+    steps: int
+    size: int
+    limb: float
+    variance: float
+    walk: float
+
+
+class _Sums(NamedTuple):
+    """Normal equations of a fit, and what makes them.
+
+    Attributes
+    ----------
+    normal, right : (u, u), (u,) float64
+        Matrix, its lower half, and right side.
+    rows : (u + 1, 2 FLANK + 1) float64
+        Derivatives of the profile by each unknown, and what remains of it.
+    white : (u,) float64
+        A row of the whitened derivatives.
+    link, scale : (2 FLANK + 1,) float64
+        See :func:`_whiten`.
+    """
+
+    normal: FloatArray
+    right: FloatArray
+    rows: FloatArray
+    white: FloatArray
+    link: FloatArray
+    scale: FloatArray
+
+
+@njit(nogil=True)
+def _whiten(n: int, how: _Fit, sums: _Sums) -> None:
+    """How differences of neighbours among n levels are made independent: what the one before counts, and the scale.
+
+    Noise and walk leave a difference related to the ones before and after it, and to no other: Cholesky factors of a
+    tridiagonal matrix.
+    """
+    scale = 0.0
+    for k in range(1, n):
+        link = -how.variance * scale
+        scale = 1.0 / math.sqrt(2.0 * how.variance + how.walk - link * link)
+        sums.link[k], sums.scale[k] = link, scale
+
+
+@njit(nogil=True)
+def _step_rows(at: float, contrast: float, blurs: FloatArray, by_place: FloatArray, by_contrast: FloatArray) -> None:
+    """Derivatives of a blurred step at a place, pixels from the first of n levels, by place and by contrast, (n,).
+
+    The step's shape is the beginning of Edgeworth's series (Cramer 1946, 17.6).
+
+    blurs : (2, n) of the blur at each level, one over its sigma and a sixth of its skewness
+    """
+    # Two loops, of which the second has no calls: it is done for several levels at once.
+    narrow, skew = blurs[0], blurs[1]
+    n = len(narrow)
+    for k in range(n):
+        t = (k - at) * narrow[k]
+        by_place[k] = math.exp(-0.5 * t * t)
+    for k in range(n):
+        t = (k - at) * narrow[k]
+        density = 0.3989422804014327 * by_place[k]
+        by_contrast[k] = _normal_integral(t, by_place[k]) - skew[k] * (t * t - 1.0) * density
+        by_place[k] = -contrast * density * (1.0 + skew[k] * t * (t * t - 3.0)) * narrow[k]
+
+
+@njit(nogil=True)
+def _normal_equations(
+    grey: FloatArray, blurs: FloatArray, beside: FloatArray, how: _Fit, x: FloatArray, sums: _Sums
+) -> float:
+    """Fill the normal equations of a fit at x (u,), in units of noise; returns the sum of squared residuals.
+
+    What is compared are the differences of neighbours, see :func:`_whiten`: the level before all falls out. blurs : see
+    :func:`_step_rows`.
+    """
+    normal, right, rows, white = sums.normal, sums.right, sums.rows, sums.white
+    steps, size = how.steps, how.size
+    n = len(grey)
+    r, e = n // 2, rows[size]
+    for k in range(n):
+        e[k] = grey[k]
+    for j in range(0, steps, 2):
+        at = r + x[j] + (beside[j // 2 - 1] if j else 0.0)
+        _step_rows(at, x[j + 1], blurs[:, :n], rows[j], rows[j + 1])
+        for k in range(n):
+            e[k] -= x[j + 1] * rows[j + 1, k]
+    if size > steps:
+        # Near the limb of a curved surface its normal, and with it the shading, turns with the root of the distance.
+        for k in range(n):
+            rows[steps, k] = math.sqrt(max(how.limb * (k - r - x[0]), 0.0))
+            e[k] -= x[steps] * rows[steps, k]
+    for i in range(size):
+        right[i], white[i] = 0.0, 0.0
+        for j in range(i + 1):
+            normal[i, j] = 0.0
+    squares, e_white = 0.0, 0.0
+    for k in range(1, n):
+        link, scale = sums.link[k], sums.scale[k]
+        e_white = (e[k] - e[k - 1] - link * e_white) * scale
+        squares += e_white * e_white
+        for i in range(size):
+            white[i] = (rows[i, k] - rows[i, k - 1] - link * white[i]) * scale
+            right[i] += white[i] * e_white
+            for j in range(i + 1):
+                normal[i, j] += white[i] * white[j]
+    for i in range(size):
+        believed = OFF_PREDICTED if i < steps and i % 2 == 0 else CONTRAST
+        normal[i, i] += 1.0 / believed**2
+        right[i] -= x[i] / believed**2
+    return squares
 
 
 @njit(nogil=True)

@@ -20,7 +20,10 @@ ROUNDING_NOISE = 12.0**-0.5
 SPACING = 4.0
 REACH = 8
 # Pixels to either side of a step that its fit takes in, at most: the flanks must say what the levels are.
-FLANK = 5
+FLANK = 4
+# Grey levels for a root of a pixel, sigma of the walk that shade, print and grain make beside a step: of pictures of
+# cameras and rendered ones, half and twice as much give poses about as good (test/benchmarks/bench_poses.py).
+SHADING = 4.0
 # Chance that the edge of a visible point shows as a step: the rest is lost to equal brightness on both sides.
 SHOWN = 0.7
 # Pixels, sigmas that are added to the steps' own while a pose is drawn in: from half the reach to the width of an edge.

@@ -171,13 +171,25 @@ def drawn(outline: Outline, motion: FloatArray, middle: FloatArray, views: Views
     stretch : float
         Pixels along which a point is measured, at most.
     """
-    keep, pixel, normal, slope, limb = _projected(outline, motion, middle, views.rows, views.sizes)
-    eye, group, spacing = outline.eye[keep], outline.curve[keep], outline.spacing[keep]
-    abscissa, bend = _along(group, pixel, normal, spacing)
-    feature = outline.feature[keep]
-    curve = same_curves(group, eye, feature)
-    placed = Placed(outline.point[keep], eye, pixel, normal, group, curve, abscissa, slope)
+    placed, spacing, bend, limb, feature = _drawn(outline, motion, middle, views.rows, views.sizes)
     return Sight(placed, spacing, np.minimum(spacing, stretch), bend, limb, feature)
+
+
+@njit(nogil=True)
+def _drawn(
+    outline: Outline, motion: FloatArray, middle: FloatArray, cameras: FloatArray, sizes: FloatArray
+) -> tuple[Placed, FloatArray, FloatArray, FloatArray, Int32Array]:
+    """Points as drawn, their spacing, bend, limb and feature (n,); see :func:`drawn` and :class:`Sight`."""
+    keep, pixel, normal, slope, limb = _projected(outline, motion, middle, cameras, sizes)
+    eye, group, spacing, feature = outline.eye[keep], outline.curve[keep], outline.spacing[keep], outline.feature[keep]
+    abscissa, bend = _along(group, pixel, normal, spacing)
+    curve = same_curves(group, eye, feature)
+    point = np.empty((len(keep), 3))
+    for n, k in enumerate(keep):
+        for i in range(3):
+            point[n, i] = outline.point[k, i]
+    placed = Placed(point, eye, pixel, normal, group, curve, abscissa, slope)
+    return placed, spacing, bend, limb, feature
 
 
 @njit(nogil=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from csg_renderer import SolidOutline
+from csg_renderer.features.library import ModelOutline
 from msgs_py import FeatureKind, FeatureSet, Pose
 
 from ..geometry.back_projection import build_voxels
@@ -75,7 +75,7 @@ class ModelIndex:
         Metres; 0 without curves.
     pair_reach, pair_starts, pair_members, pair_values
         The table of pairs, see :attr:`pair_table`.
-    shape : SolidOutline, optional
+    shape : SolidOutline or MeshOutline, optional
         What of the model a camera sees, when more of it is known than its features.
     frames : dict of str to Pose
         Named frames on the model, model_T_frame.
@@ -93,7 +93,7 @@ class ModelIndex:
     pair_starts: np.ndarray
     pair_members: np.ndarray
     pair_values: np.ndarray
-    shape: SolidOutline | None = None
+    shape: ModelOutline | None = None
     frames: dict[str, Pose] = field(default_factory=dict)
     _voxels: dict[float, VoxelGrid] = field(default_factory=dict)
     _parallel: list[ParallelPairs] = field(default_factory=list)
@@ -166,7 +166,7 @@ def model_size(features: FeatureSet) -> float:
     return float(np.sqrt(max(0.0, (squares[:, None] + squares - 2.0 * points @ points.T).max())))
 
 
-def index_model(features: FeatureSet, name: str = 'model', shape: SolidOutline | None = None) -> ModelIndex:
+def index_model(features: FeatureSet, name: str = 'model', shape: ModelOutline | None = None) -> ModelIndex:
     """Make a model ready for matching.
 
     Parameters
@@ -175,7 +175,7 @@ def index_model(features: FeatureSet, name: str = 'model', shape: SolidOutline |
         Model frame, metres; edges without length are left out.
     name : str
         Written to the interpretations.
-    shape : SolidOutline, optional
+    shape : SolidOutline or MeshOutline, optional
         Of the same model; with it, poses are measured in the images.
 
     Returns

@@ -121,6 +121,20 @@ def load_library(paths: Iterable[str], mesh_units: str = GUESS, distance: float 
     return Library(tuple(models), tuple(problems), files, units)
 
 
+def models_of(given: str, mesh_units: str = GUESS) -> tuple[ModelIndex, ...]:
+    """The models of one path, one at least; see :func:`load_library`.
+
+    Raises
+    ------
+    ValueError
+        Says why there is none.
+    """
+    library = load_library([given], mesh_units)
+    if not library.models:
+        raise ValueError('; '.join(library.problems) or f'{given}: holds no model')
+    return library.models
+
+
 def _problem(name: str, error: Exception) -> str:
     """An error as one line that begins with the name of a path."""
     return str(error) if str(error).startswith(name) else f'{name}: {error}'

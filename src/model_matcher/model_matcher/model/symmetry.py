@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from msgs_py import FeatureKind, Pose
 from msgs_py.numeric.vectors import perpendicular
 
+from ..geometry.features import PairTable
 from ..geometry.settings import NOT_ZERO, PARALLEL_SINE
 from .index import ModelIndex
 from .settings import EXACT, SAME, SAME_POSE_DEG, SYMMETRY_LOOKS, SYMMETRY_TOLERANCE
@@ -48,6 +49,50 @@ def symmetries(index: ModelIndex) -> tuple[Pose, ...]:
     if index not in _known:
         _known[index] = _find(index)
     return _known[index]
+
+
+_distinct: WeakKeyDictionary[ModelIndex, PairTable] = WeakKeyDictionary()
+
+
+def distinct_pairs(index: ModelIndex) -> PairTable:
+    """The pairs of a model's table that no symmetry makes equal: one of each orbit; computed once for each index.
+
+    Data that lies on one of a cube's corners lies on all 24 of its orders: the poses are equal, and would leave no room
+    for any other.
+
+    Parameters
+    ----------
+    index : ModelIndex
+        The model.
+
+    Returns
+    -------
+    PairTable
+    """
+    if index not in _distinct:
+        table = index.pair_table
+        first = number = table.members.astype(np.int64) @ [len(index), 1]
+        for motion in symmetries(index):
+            first = np.minimum(first, _where(motion, index)[table.members] @ [len(index), 1])
+        kept = first == number
+        starts = np.concatenate([[0], np.cumsum(kept)])[table.starts].astype(np.int32)
+        _distinct[index] = PairTable(table.reach, starts, table.members[kept], table.values[kept])
+    return _distinct[index]
+
+
+def _where(motion: Pose, index: ModelIndex) -> np.ndarray:
+    """(e,) int: the feature on which a symmetry lays each."""
+
+    def told(middle: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        # Metres; a direction without its sign by its square.
+        sizes = index.rows[:, 6:7], np.nan_to_num(index.rows[:, 7:9]), index.size * index.kind[:, None]
+        square = 0.5 * index.size * (direction[:, :, None] * direction[:, None]).reshape(-1, 9)
+        return np.column_stack([middle, square, *sizes])
+
+    middle, direction = index.rows[:, :3], index.rows[:, 3:6]
+    tree = cKDTree(told(middle, direction))
+    at: np.ndarray = tree.query(told(motion.apply(middle), motion.rotate(direction)))[1]
+    return at
 
 
 def common_axis(rows: np.ndarray, size: float) -> Axis | None:

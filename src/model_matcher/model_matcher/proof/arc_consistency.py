@@ -20,6 +20,7 @@ from ..geometry.pair_bounds import ANGLE, MIDS, RELATION, margins_of, model_rela
 from ..geometry.settings import RIGHT_ANGLE, ROUNDING
 from .feasibility import Sample
 from .settings import ANGLES
+from .spares import Groups, left_out, spare_features
 
 # Column of pair_ranges: whether direction3 is defined.
 NORMAL = 10
@@ -75,21 +76,6 @@ class Nodes(NamedTuple):
 
     a: IntArray
     i: IntArray
-
-
-class Groups(NamedTuple):
-    """Disjoint groups of data features of each of which one is left out.
-
-    Attributes
-    ----------
-    of : (n,) int64
-        The group of a data feature, or -1.
-    sizes : (g,) int64
-        How many features each group has.
-    """
-
-    of: IntArray
-    sizes: IntArray
 
 
 class DataRanges(NamedTuple):
@@ -173,14 +159,11 @@ def _some_pair_may_fit(rel: FloatArray, cone: float, room: float, span: float, b
 
 
 @njit
-def revise(
-    a: int, others: IntArray, test: PairTest, lists: IntArray, counts: IntArray, supporters: int, wide: int
-) -> None:
+def revise(a: int, others: IntArray, test: PairTest, lists: IntArray, counts: IntArray, supporters: int) -> None:
     """Remove from data feature a's list the nodes that are consistent with too few of the data features ``others``.
 
     A node stays when at least ``supporters`` of them have a node that is consistent with it. lists : (n, e) int64, the
-    model features that a data feature may be on, the first counts (n,) of a row; both in place. wide : of a longer list
-    nothing is removed once one node is found that stays, because such a feature fits almost anywhere.
+    model features that a data feature may be on, the first counts (n,) of a row; both in place.
     """
     data, margins, halves, mids = test.sample.data, test.margins, test.halves, test.mids
     m = 0
@@ -220,11 +203,35 @@ def revise(
                 if spare < 0:
                     break
         if spare >= 0:
-            if counts[a] > wide:
-                return
             lists[a, left] = i
             left += 1
     counts[a] = left
+
+
+@njit
+def revise_each(
+    some: IntArray, test: PairTest, lists: IntArray, counts: IntArray, supporters: int, seen: IntArray
+) -> None:
+    """Revise the lists of data features ``some`` against all others, those with the shortest lists first.
+
+    seen : (n,) how many nodes there were when a feature was revised last; where nothing has been removed since, its
+    list stays as it is. In place.
+    """
+    nodes = counts.sum()
+    for a in some:
+        if counts[a] == 0 or seen[a] == nodes:
+            continue
+        order = np.argsort(counts, kind='mergesort')
+        others = np.empty(len(order), np.int64)
+        m = 0
+        for b in order:
+            if counts[b] > 0 and b != a:
+                others[m] = b
+                m += 1
+        nodes -= counts[a]
+        revise(a, others[:m], test, lists, counts, supporters)
+        nodes += counts[a]
+        seen[a] = nodes
 
 
 @njit
@@ -248,21 +255,8 @@ def forward_check(
     data, margins = test.sample.data, test.margins
     left = np.empty(len(free), np.int64)
     rel = np.empty((1, RELATION))
-    spare = -least
-    whole = groups.sizes.copy()  # features of each group that are neither taken nor free
-    if groups.of[a] >= 0:
-        whole[groups.of[a]] -= 1
-    for k in range(len(forced)):
-        if groups.of[nodes.a[forced[k]]] >= 0:
-            whole[groups.of[nodes.a[forced[k]]]] -= 1
-    for k in range(len(free)):
-        b = nodes.a[free[k]]
-        if k == 0 or b != nodes.a[free[k - 1]]:
-            spare += 1
-            if groups.of[b] >= 0:
-                whole[groups.of[b]] -= 1
-    for g in range(len(whole)):
-        spare -= whole[g] == 0
+    missing = np.empty(len(groups.sizes), np.int64)
+    spare = spare_features(np.append(nodes.a[forced], a), nodes.a[free], least, groups, missing)
     room_a = test.halves[i] - margins[a, 1] + margins[a, 2] + margins[a, 3] + ROUNDING
     count = at = 0
     while at < len(free) and spare >= 0:
@@ -286,11 +280,7 @@ def forward_check(
                 left[count] = other
                 count += 1
         if count == before:
-            g = groups.of[b]
-            if g >= 0 and whole[g] == 0:
-                whole[g] = 1
-            else:
-                spare -= 1
+            spare -= left_out(b, groups, missing)
     return left[:count] if spare >= 0 else left[:0]
 
 

@@ -4,7 +4,8 @@ What misses its tolerances by little under the known pose is tried with a pose t
 hardly ever short of the largest. Pairings (nodes) that cannot be among K + 1 consistent ones are removed first, by arc
 consistency with the exact pair test (arc_consistency.py, geometry.pair_bounds). A set of K + 1 out of K + 1 + s data
 features leaves out at most s, so of any s + 1 disjoint groups it holds one whole: the tree branches on which, and group
-by group it is refuted that all of its features are in. Each node that is taken removes others by the pair tests
+by group it is refuted that all of its features are in. A group is led by a feature of a narrow cone, and has besides it
+those that leave the pose least room and the tree fewest nodes. Each node that is taken removes others by the pair tests
 (forward checking), and where those left are of too few data features, less one for each refuted group that is whole,
 the branch ends: nearly all do, before there is a pose. A whole group fixes the pose, and what no pose near it explains
 is removed (feasibility.py). Subsets of what remains that have no common pose leave out one of their own each, so more
@@ -28,22 +29,25 @@ from ..geometry.pair_pose import pair_frame, pair_pose
 from ..geometry.settings import ROUNDING
 from ..model.problem import Problem
 from ..model.settings import SEARCH_WIDTH
-from .arc_consistency import DataRanges, Groups, Nodes, forward_check, listed, no_ranges, pair_test, revise
+from .arc_consistency import DataRanges, Nodes, forward_check, listed, no_ranges, pair_test, revise_each
 from .feasibility import (
     FEASIBLE,
     INFEASIBLE,
     OPEN,
     Sample,
+    add_steadiest,
     all_fit,
     can_join,
     common_pose,
     deviations,
+    first_variances,
     infeasible_subset,
     narrow_in_parts,
     refute,
     search_rotations,
 )
-from .settings import GROUP, STEEP, WIDE, WIDEST_TURN
+from .settings import AT_ONCE, GROUP, STEEP, WIDE, WIDEST_TURN
+from .spares import Groups
 
 
 def _no_nodes() -> IntArray:
@@ -123,19 +127,17 @@ class BranchAndBound:
             return
         lists, counts = listed(self._possible(np.arange(len(data))))
         self.test = pair_test(self.sample)
+        seen = np.full(len(data), -1)
         before = -1
         while before != counts.sum():
             before = counts.sum()
             # What is removed early saves tests later: features with few nodes first, of those the long ones.
-            for a in np.lexsort((-data[:, 6], counts)):
-                if counts[a] == 0:
-                    continue
+            order = np.lexsort((-data[:, 6], counts))
+            for start in range(0, len(order), AT_ONCE):
                 self.check_time()
-                others = np.argsort(counts, kind='stable')
-                others = others[len(others) - np.count_nonzero(counts) :]
-                if len(others) <= self.most:
+                revise_each(order[start : start + AT_ONCE], self.test, lists, counts, self.most, seen)
+                if np.count_nonzero(counts) <= self.most:
                     return
-                revise(a, others[others != a], self.test, lists, counts, self.most, WIDE)
         order = np.argsort(counts, kind='stable')  # features of few nodes are the first to show that a pose is none
         self.nodes = Nodes(np.repeat(order, counts[order]), np.concatenate([lists[a, : counts[a]] for a in order]))
 
@@ -197,7 +199,8 @@ class BranchAndBound:
             return
         if not self.disjoint:
             cones = self.sample.tolerances[features, 2]
-            self.disjoint = self.groups(features[np.lexsort((cones, domains > WIDE))], spare + 1)
+            order = np.lexsort((cones, domains > WIDE))
+            self.disjoint = self.groups(features[order], domains[order], spare + 1)
         for number, group in enumerate(self.disjoint[: spare + 1]):
             if frozenset(group) not in self.refuted:
                 self.assign(group, _no_nodes(), free, None)
@@ -206,18 +209,21 @@ class BranchAndBound:
                 of[group] = number
                 self.groups_refuted = Groups(of, np.append(sizes, len(group)))
 
-    def groups(self, features: IntArray, count: int) -> list[list[int]]:
-        """Disjoint groups of the data features, taken in their order; two of each group cross if possible."""
-        left = [int(a) for a in features]
-        groups = [[left.pop(0)] for _ in range(count)]
+    def groups(self, features: IntArray, nodes: IntArray, count: int) -> list[list[int]]:
+        """Disjoint groups of the data features: each led by the next of them, with those that fix its pose best.
+
+        nodes : (m,) int64, how many each feature has
+        """
+        leads, left, nodes = features[:count], features[count:], nodes[count:]
+        groups = [[int(a)] for a in leads]
+        variances = first_variances(leads, self.index.size, self.sample)
         for size in range(1, GROUP):
-            for group in groups:
-                if not left or len(left) < count and size > 1:
+            for group, variance in zip(groups, variances):
+                if len(left) == 0 or (len(left) < count and size > 1):
                     return groups
-                lines = self.sample.data[:, 3:6]
-                lead = lines[group[0]]
-                crossing = (k for k, a in enumerate(left) if np.linalg.norm(np.cross(lead, lines[a])) > STEEP)
-                group.append(left.pop(next(crossing, 0) if size == 1 else 0))
+                chosen = add_steadiest(variance, group[0], left, nodes, self.sample)
+                group.append(int(left[chosen]))
+                left, nodes = np.delete(left, chosen), np.delete(nodes, chosen)
         return groups
 
     def assign(self, group: list[int], forced: IntArray, free: IntArray, region: Region | None) -> None:
@@ -293,18 +299,27 @@ class BranchAndBound:
                 regions.append(Region(motion, turn))
         return regions
 
-    def explore(self, forced: IntArray, free: IntArray, region: Region | None, refuted: list[frozenset[int]]) -> None:
+    def explore(
+        self,
+        forced: IntArray,
+        free: IntArray,
+        region: Region | None,
+        refuted: list[frozenset[int]],
+        tested: bool = False,
+    ) -> None:
         """Refute every interpretation larger than ``most`` that has all ``forced`` nodes and otherwise ``free`` ones.
 
         region : where the forced nodes may have poses, None when they are too few to tell
         refuted : sets of data features of which one at least is left out
+        tested : the free nodes are known to be able to join the forced ones in the region
         """
         self.branches += 1
         self.check_time()
-        if region is not None:
+        if region is not None and not tested:
             least = self.most + 1 - len(forced)
             a, i = self.nodes.a, self.nodes.i
-            free = free[can_join(*region, a[forced], i[forced], a[free], i[free], least, self.sample)]
+            groups = self.groups_refuted
+            free = free[can_join(*region, a[forced], i[forced], a[free], i[free], least, groups, self.sample)]
         features, domains = np.unique(self.nodes.a[free], return_counts=True)
         spare = len(forced) + len(features) - self.most - 1
         if spare < 0:
@@ -334,7 +349,7 @@ class BranchAndBound:
             for node in free[chosen]:
                 for more, rest, where in self.joined(node, forced, free[~chosen], region):
                     self.explore(more, rest, where, refuted)
-            self.explore(forced, free[~chosen], region, refuted)
+            self.explore(forced, free[~chosen], region, refuted, tested=True)
 
     def decide(
         self, forced: IntArray, singles: IntArray, free: IntArray, region: Region | None, refuted: list[frozenset[int]]
@@ -400,7 +415,7 @@ class BranchAndBound:
         """Explore what leaves out each member of an infeasible set in turn, and has those before it."""
         for k, node in enumerate(members):
             rest = free[~np.isin(self.nodes.a[free], self.nodes.a[members[: k + 1]])]
-            self.explore(forced, rest, region, refuted)
+            self.explore(forced, rest, region, refuted, tested=k == 0)
             others = free[self.nodes.a[free] != self.nodes.a[node]]
             with_it = self.joined(node, forced, others, region) if node in free else []
             if not with_it:

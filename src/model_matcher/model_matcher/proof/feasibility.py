@@ -7,8 +7,9 @@ pose. What is shown here holds for every pose of a region (docs/proof.md has the
 
 * Squares with any weights have a weighted mean of at most one under a feasible pose, but for that. Where it is larger
   under every step, the set is infeasible. As it rises with the turn by more than residuals bend, regions can be
-  large. The weights of sums of high powers come near the best ones: linear programming duality in its
-  least-squares form (Lawson's algorithm for Chebyshev approximation).
+  large; how all of them bend together is known to the second order of the turn. The weights of sums of high powers
+  come near the best ones: linear programming duality in its least-squares form (Lawson's algorithm for Chebyshev
+  approximation).
 * Otherwise it bounds the steps of feasible poses, and the region shrinks.
 
 A pairing has four blocks of residuals: across the model line at one end and at the other, along it, and tilt. A region
@@ -30,10 +31,13 @@ from ..geometry.least_squares import damp, normal_equations, solve6
 from ..geometry.rigid_motion import compose_small, inverse_rotate, inverse_transform, perpendiculars, transform_line
 from ..geometry.settings import NOT_ZERO, RIGHT_ANGLE, ROUNDING, SMALLEST_LENGTH, WIDEST_CONE
 from .settings import MINIMAX, REGIONS, SUBSETS
+from .spares import Groups, left_out, spare_features
 
 INFEASIBLE, FEASIBLE, OPEN = range(3)
 # Blocks of residuals of a pairing, and how many there are.
 FIRST_END, SECOND_END, ALONG, TILT, BLOCKS = range(5)
+# The motion that leaves all where it is.
+_STILL = np.array([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
 class Sample(NamedTuple):
@@ -57,20 +61,26 @@ class Sample(NamedTuple):
 
 
 class _Residuals(NamedTuple):
-    """Residuals over their tolerances as functions of a step s (6,): values - jacobian s; a block has two.
+    """Residuals over their tolerances as functions of a step s (6,) that turns by t: a block has two.
+
+    They are values - jacobian s to first order, and t bend t / 2 is the second.
 
     Attributes
     ----------
     jacobian : (b, 2, 6)
     values : (b, 2)
+    bends : (b, 2, 6)
+        Rows of the lower triangle of a symmetric matrix (3, 3).
     levers : (b,)
-        Half of this times the square of a turn is what its second order may do to a residual.
+        Half of this times the square of a turn is what its second order may do to a residual, a sixth times the cube
+        what is beyond.
     own : (b,)
         The tolerance that is divided by, over that at the pose of linearisation itself; 0 for what a curve has not.
     """
 
     jacobian: FloatArray
     values: FloatArray
+    bends: FloatArray
     levers: FloatArray
     own: FloatArray
 
@@ -94,7 +104,16 @@ class _Fit(NamedTuple):
 @njit
 def _room_for(blocks: int) -> _Residuals:
     """Uninitialised residuals of so many blocks."""
-    return _Residuals(np.empty((blocks, 2, 6)), np.empty((blocks, 2)), np.empty(blocks), np.empty(blocks))
+    rows, bends = np.empty((blocks, 2, 6)), np.empty((blocks, 2, 6))
+    return _Residuals(rows, np.empty((blocks, 2)), bends, np.empty(blocks), np.empty(blocks))
+
+
+@njit
+def _bend(nx: float, ny: float, nz: float, x: float, y: float, z: float, out: FloatArray) -> None:
+    """The lower triangle (6,) of the matrix B: the second order of n exp(-t) y in t is t B t / 2 (lemma 5)."""
+    straight = nx * x + ny * y + nz * z
+    out[0], out[2], out[5] = nx * x - straight, ny * y - straight, nz * z - straight
+    out[1], out[3], out[4] = 0.5 * (nx * y + ny * x), 0.5 * (nx * z + nz * x), 0.5 * (ny * z + nz * y)
 
 
 @njit
@@ -141,7 +160,7 @@ def _linearise(
         for k in range(2):
             values[at, k] = 0.0
             for p in range(6):
-                rows[at, k, p] = 0.0
+                rows[at, k, p] = residuals.bends[at, k, p] = 0.0
         residuals.levers[at] = residuals.own[at] = 0.0
         if block == SECOND_END and curve:
             continue
@@ -150,10 +169,12 @@ def _linearise(
             residuals.levers[at], residuals.own[at] = 1.0 / widest, widest / np.sin(cone)
             for k in range(2):
                 ax, ay, az = (ex, ey, ez) if k == 0 else (fx, fy, fz)
-                values[at, k] = (ax * d[3] + ay * d[4] + az * d[5]) / widest
-                rows[at, k, 0] = (d[4] * az - d[5] * ay) / widest
-                rows[at, k, 1] = (d[5] * ax - d[3] * az) / widest
-                rows[at, k, 2] = (d[3] * ay - d[4] * ax) / widest
+                ax, ay, az = ax / widest, ay / widest, az / widest
+                values[at, k] = ax * d[3] + ay * d[4] + az * d[5]
+                rows[at, k, 0] = d[4] * az - d[5] * ay
+                rows[at, k, 1] = d[5] * ax - d[3] * az
+                rows[at, k, 2] = d[3] * ay - d[4] * ax
+                _bend(ax, ay, az, d[3], d[4], d[5], residuals.bends[at, k])
             continue
         step = 0.0 if curve or block == ALONG else d[6] if block == FIRST_END else -d[6]
         x, y, z = d[0] + step * d[3], d[1] + step * d[4], d[2] + step * d[5]
@@ -173,6 +194,7 @@ def _linearise(
             rows[at, k, 1] = gz * ax - gx * az
             rows[at, k, 2] = gx * ay - gy * ax
             rows[at, k, 3], rows[at, k, 4], rows[at, k, 5] = ax, ay, az
+            _bend(ax, ay, az, gx, gy, gz, residuals.bends[at, k])
     gx, gy, gz = d[0] - centre[0], d[1] - centre[1], d[2] - centre[2]
     away = np.sqrt((d[0] - mx) ** 2 + (d[1] - my) ** 2 + (d[2] - mz) ** 2)
     lever = np.sqrt(gx * gx + gy * gy + gz * gz)
@@ -188,6 +210,16 @@ def _linearise_all(
     for k in range(len(a)):
         shift = min(shift, _linearise(motion, turn, centre, a[k], i[k], sample, residuals, BLOCKS * k))
     return shift
+
+
+@njit
+def _confine(turn: float, residuals: _Residuals, first: int) -> None:
+    """Two blocks more: no component of a step turns farther than the region does, radians."""
+    for at in range(first, first + 2):
+        residuals.jacobian[at], residuals.values[at], residuals.bends[at] = 0.0, 0.0, 0.0
+        residuals.levers[at], residuals.own[at] = 0.0, 1.0
+    for p in range(3):
+        residuals.jacobian[first + p // 2, p % 2, p] = 1.0 / (turn + ROUNDING)
 
 
 @njit
@@ -284,6 +316,15 @@ def _growth(normal: FloatArray, inverse: FloatArray, turn: float, shift: float) 
 
 
 @njit
+def _least_eigenvalue(lower: FloatArray) -> float:
+    """A lower bound of the eigenvalues of a symmetric matrix (3, 3); the rows of its lower triangle are given (6,)."""
+    mean = (lower[0] + lower[2] + lower[5]) / 3.0
+    aside = (lower[0] - mean) ** 2 + (lower[2] - mean) ** 2 + (lower[5] - mean) ** 2
+    aside += 2.0 * (lower[1] ** 2 + lower[3] ** 2 + lower[4] ** 2)
+    return float(mean - np.sqrt(aside * 2.0 / 3.0) * (1.0 + ROUNDING) - ROUNDING * abs(mean))
+
+
+@njit
 def _solved(
     residuals: _Residuals, weights: FloatArray, normal: FloatArray, inverse: FloatArray, lowest: FloatArray
 ) -> bool:
@@ -316,6 +357,7 @@ def _bound(residuals: _Residuals, weights: FloatArray, turn: float, shift: float
     lowest, slope, normal, inverse = np.zeros(6), np.zeros(6), np.empty((6, 6)), np.zeros((6, 6))
     solved = _solved(residuals, weights, normal, inverse, lowest)
     total = levers = squares = cost = 0.0
+    bend = np.zeros(6)
     for b in range(len(weights)):
         total += weights[b]
         levers += weights[b] * residuals.levers[b]
@@ -327,6 +369,7 @@ def _bound(residuals: _Residuals, weights: FloatArray, turn: float, shift: float
             cost += weights[b] * value * value
             for p in range(6):
                 slope[p] += 2.0 * weights[b] * value * residuals.jacobian[b, k, p]
+                bend[p] += weights[b] * value * residuals.bends[b, k, p]
     far = np.sqrt(lowest[0] ** 2 + lowest[1] ** 2 + lowest[2] ** 2)
     most_turn = turn + far
     most_shift = shift + np.sqrt(lowest[3] ** 2 + lowest[4] ** 2 + lowest[5] ** 2)
@@ -336,14 +379,19 @@ def _bound(residuals: _Residuals, weights: FloatArray, turn: float, shift: float
     if solved:
         square, rest = _growth(normal, inverse, most_turn, most_shift)
         grown = 1.0 / max(square, NOT_ZERO**2)
-    reach = -1.0
+    least = _least_eigenvalue(bend)
+    reach, room = -1.0, 0.0
     for k in range(REGIONS.slices):
         low, high = turn * k / REGIONS.slices, turn * (k + 1) / REGIONS.slices
-        rises = grown * max(low - far - rest, 0.0) ** 2
-        allowed = (total + levers * high**2 + squares * high**4) * (1.0 + ROUNDING)
-        if not cost + rises > allowed:  # nothing follows from what is not a number
-            reach = high
-    room = max((total + levers * reach**2 + squares * reach**4) * (1.0 + ROUNDING) - cost, 0.0)
+        rises = np.sqrt(grown) * max(low - far - rest, 0.0)
+        # By the first order, and by the second.
+        allowed = (total + levers * high**2 + squares * high**4) * (1.0 + ROUNDING) - cost
+        bent = (total + levers * high**3 / 3.0 + squares * high**6 / 9.0) * (1.0 + ROUNDING) - cost
+        bent -= least * (high if least < 0.0 else low) ** 2
+        room_here = min(allowed, (np.sqrt(max(bent, 0.0)) + np.sqrt(squares) * high**2) ** 2)
+        if bent < 0.0 or room_here < 0.0 or rises**2 > room_here:
+            continue
+        reach, room = high, max(room, room_here)
     radius = min(np.sqrt(square * room) + rest, reach + far) if solved else reach + far
     return _Bound(lowest, normal, inverse, room, most_turn, most_shift, reach, radius)
 
@@ -524,6 +572,59 @@ def narrow(motion: FloatArray, turn: float, a: IntArray, i: IntArray, sample: Sa
 
 
 @njit
+def _add_evidence(variance: FloatArray, lead: int, a: int, on_itself: Sample, residuals: _Residuals) -> None:
+    """Take into the variance (6, 6) of a step, about a lead's middle, what data feature a on itself says, in place."""
+    _linearise(_STILL, 0.0, on_itself.data[lead, :3], a, a, on_itself, residuals, 0)
+    gain = np.empty(6)
+    for b in range(BLOCKS):
+        for k in range(2):
+            row = residuals.jacobian[b, k]
+            square = 1.0
+            for p in range(6):
+                gain[p] = 0.0
+                for q in range(6):
+                    gain[p] += variance[p, q] * row[q]
+                square += gain[p] * row[p]
+            for p in range(6):
+                for q in range(6):
+                    variance[p, q] -= gain[p] * gain[q] / square
+
+
+@njit
+def first_variances(features: IntArray, size: float, sample: Sample) -> FloatArray:
+    """(m, 6, 6) variances of a step, its turn first, when only one data feature (m,) is known to lie where it should.
+
+    Residuals have their tolerances for sigmas; nothing else is known of the turn but that it is about a radian at most,
+    and of the shift but that it is about the model's ``size`` (metres).
+    """
+    on_itself = Sample(sample.data, sample.kinds, sample.tolerances, sample.data)
+    variances, residuals = np.zeros((len(features), 6, 6)), _room_for(BLOCKS)
+    for k in range(len(features)):
+        for p in range(6):
+            variances[k, p, p] = 1.0 if p < 3 else size * size
+        _add_evidence(variances[k], features[k], features[k], on_itself, residuals)
+    return variances
+
+
+@njit
+def add_steadiest(variance: FloatArray, lead: int, features: IntArray, nodes: IntArray, sample: Sample) -> int:
+    """Which of the data features (m,) leaves least: the turn's deviation times its nodes (m,), for each has a region.
+
+    What it says is taken into the variance (6, 6), in place.
+    """
+    on_itself = Sample(sample.data, sample.kinds, sample.tolerances, sample.data)
+    residuals, best, least, steadiest = _room_for(BLOCKS), 0, np.inf, variance
+    for k in range(len(features)):
+        tried = variance.copy()
+        _add_evidence(tried, lead, features[k], on_itself, residuals)
+        branches = nodes[k] * np.sqrt(tried[0, 0] + tried[1, 1] + tried[2, 2])
+        if branches < least:
+            best, least, steadiest = k, branches, tried
+    variance[:] = steadiest
+    return best
+
+
+@njit
 def _turn_between(first: FloatArray, second: FloatArray) -> FloatArray:
     """(3,) rotation vector, radians below pi, that turns one motion (12,) to another."""
     vector, trace = np.zeros(3), 0.0
@@ -548,11 +649,13 @@ def refute(motion: FloatArray, turn: float, a: IntArray, i: IntArray, sample: Sa
     OPEN. What is linearised where the largest residual is least, is bent least there.
     """
     m = len(a)
-    residuals, step = _room_for(BLOCKS * m), np.zeros(6)
-    fit = _Fit(np.empty(BLOCKS * m), np.empty(6), np.empty(6))
+    blocks = BLOCKS * m + 2
+    residuals, step = _room_for(blocks), np.zeros(6)
+    fit = _Fit(np.empty(blocks), np.empty(6), np.empty(6))
     centre, tried, reach = _centroid(sample, a), motion.copy(), turn
     for _ in range(MINIMAX.linearisations):
         shift = _linearise_all(tried, reach, centre, a, i, sample, residuals)
+        _confine(reach, residuals, BLOCKS * m)
         if _fits_here(residuals):
             motion[:] = tried
             return FEASIBLE
@@ -713,43 +816,57 @@ def can_join(
     others_a: IntArray,
     others_i: IntArray,
     least: int,
+    groups: Groups,
     sample: Sample,
 ) -> BoolArray:
     """(c,) bool: which pairings others_a on others_i may share a pose of a region with the set a on i.
 
-    None when they are of fewer than ``least`` data features; those of one data feature stand together in others_a.
-    A pairing that misses its tolerance under every pose that the set may have is refused at once; one that misses it
-    only at ``motion`` is tried together with the set.
+    None when they are of fewer than ``least`` data features, one of each of the groups left out; those of one data
+    feature stand together in others_a. A pairing that misses its tolerance under every pose that the set may have is
+    refused at once; one that misses it only at ``motion`` is tried together with the set. That takes longer, and is
+    done first where a data feature has no other, since too many of these end it.
     """
-    m = len(a)
-    out = np.zeros(len(others_a), np.bool_)
+    m, c = len(a), len(others_a)
+    none = np.zeros(c, np.bool_)
     centre, residuals = _centroid(sample, a), _room_for(BLOCKS * m)
     shift = _linearise_all(motion, turn, centre, a, i, sample, residuals)
     bound = _mean_bound(residuals, turn, shift)
-    if bound.reach < 0.0:
-        return out
+    missing = np.empty(len(groups.sizes), np.int64)
+    spare = spare_features(a, others_a, least, groups, missing)
+    if bound.reach < 0.0 or spare < 0:
+        return none
     residuals = _room_for(BLOCKS)
-    all_a, all_i, unused = np.empty(m + 1, np.int64), np.empty(m + 1, np.int64), np.empty(m + 1)
-    all_a[:m], all_i[:m] = a, i
-    spare = -least
-    for k in range(len(others_a)):
-        spare += k == 0 or others_a[k] != others_a[k - 1]
-    joins = False
-    for k in range(len(others_a)):
-        x = others_a[k]
-        if k > 0 and x != others_a[k - 1]:
-            spare -= not joins
-            if spare < 0:
-                out[:] = False
-                return out
-            joins = False
-        _linearise(motion, turn, centre, x, others_i[k], sample, residuals, 0)
-        out[k] = not _misses_everywhere(residuals, bound, turn)
-        if out[k] and not _fits_here(residuals):
-            all_a[m], all_i[m] = x, others_i[k]
-            out[k] = refute(motion.copy(), turn, all_a, all_i, sample, unused) != INFEASIBLE
-        joins = joins or out[k]
-    return out
+    joins, doubtful = np.zeros(c, np.bool_), np.zeros(c, np.bool_)
+    for k in range(c):
+        _linearise(motion, turn, centre, others_a[k], others_i[k], sample, residuals, 0)
+        joins[k] = _fits_here(residuals)
+        doubtful[k] = not joins[k] and not _misses_everywhere(residuals, bound, turn)
+    all_a, all_i, unused = np.append(a, 0), np.append(i, 0), np.empty(m + 1)
+    for ask in (False, True):
+        first = 0
+        while first < c:
+            x = others_a[first]
+            end, any_joins, any_doubtful = first, False, False
+            while end < c and others_a[end] == x:
+                any_joins, any_doubtful = any_joins or joins[end], any_doubtful or doubtful[end]
+                end += 1
+            for k in range(first, end if ask else first):
+                if any_joins:
+                    break
+                if doubtful[k]:
+                    all_a[m], all_i[m] = x, others_i[k]
+                    joins[k] = refute(motion.copy(), turn, all_a, all_i, sample, unused) != INFEASIBLE
+                    any_joins, doubtful[k] = joins[k], False
+            if not any_joins and any_doubtful == ask:
+                spare -= left_out(x, groups, missing)
+                if spare < 0:
+                    return none
+            first = end
+    for k in range(c):
+        if doubtful[k]:
+            all_a[m], all_i[m] = others_a[k], others_i[k]
+            joins[k] = refute(motion.copy(), turn, all_a, all_i, sample, unused) != INFEASIBLE
+    return joins
 
 
 @njit

@@ -8,12 +8,14 @@ from typing import NamedTuple
 
 # Sine of the angle between two features above which they may fix a first pose.
 STEEP = 0.3
-# A data feature with more pairings than this excludes little; the tree branches on it last.
+# A data feature with more pairings than this excludes little; groups begin with others.
 WIDE = 24
 # Data features in a group that the tree branches on: three lines fix a pose, and one more makes it well determined.
 GROUP = 4
 # Radians: in a larger region of rotations linear bounds say nothing; another feature is taken first.
 WIDEST_TURN = 0.5
+# Data features that are revised between two looks at the clock.
+AT_ONCE = 64
 # Bins of pi/2 in the table of angles between model features.
 ANGLES = 180
 

@@ -78,15 +78,48 @@ def prefilter(
     order = np.argsort(-scores[:, 0] / np.sqrt(sizes), kind='stable')
     order = order[scores[order, 0] > 0.0][:JUDGED]
 
-    def judged(k: int) -> float:
-        # Those that no time is left for keep the order of their scores.
-        return -np.inf if deadline.passed else _surplus(models[k], used, params, motions[k], scores[k])
+    kept = worth_searching([models[k] for k in order], used, params, motions[order], scores[order], deadline)
+    return [int(order[k]) for k in kept]
 
-    surplus = np.array(spread(judged, order))
+
+def worth_searching(
+    models: Sequence[ModelIndex],
+    data: FeatureSet,
+    params: MatchParams,
+    motions: FloatArray,
+    scores: FloatArray,
+    deadline: Deadline,
+) -> list[int]:
+    """Which models are worth a full search, by the evidence of a few poses of each.
+
+    Parameters
+    ----------
+    models : sequence of ModelIndex
+    data : FeatureSet
+        Features with length, camera frame, metres.
+    params : MatchParams
+    motions : (m, k, 12) float64
+        Poses of each model.
+    scores : (m, k) float64
+        What they explain; 0 where there is no pose.
+    deadline : Deadline
+        When it has passed, no more models are weighed; those that no time is left for keep their order.
+
+    Returns
+    -------
+    list of int
+        Numbers of the models, best first.
+
+    """
+
+    def judged(k: int) -> float:
+        return -np.inf if deadline.passed else _surplus(models[k], data, params, motions[k], scores[k])
+
+    surplus = np.array(spread(judged, range(len(models))))
     ranked = np.argsort(-surplus, kind='stable')
     least = 1 if surplus.max(initial=-np.inf) > UNDECIDED else LEAST_CANDIDATES
     return [
-        int(order[k])
+        int(k)
         for place, k in enumerate(ranked)
         if place < least or (place < MOST_CANDIDATES and surplus[k] > -UNDECIDED)
     ]

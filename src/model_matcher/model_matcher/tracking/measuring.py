@@ -11,12 +11,15 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 
 from ..geometry.least_squares import covariances
 from ..image_pose.alignment import Steps
-from ..image_pose.measurement import Presence, elsewhere, fitted, laid, searched, settled, shown
-from ..image_pose.model_error import NO_ERROR, ModelError
+from ..image_pose.measurement import Presence, elsewhere, fitted, laid, searched, shown
+from ..image_pose.model_error import NO_ERROR, ModelError, settled
 from ..image_pose.settings import DRAWN_IN, FARTHEST_STEP, FEWEST_POINTS, NEAR, REACH, SPACING
 from ..image_pose.sight import Outline, Shape, drawn
 from ..image_pose.views import Views
 from .settings import ASKED, OTHERS_EDGES, ROUNDS
+
+# Of a matrix of middle and turn (6, 6), that of turn and middle.
+TURN_FIRST = np.ix_([3, 4, 5, 0, 1, 2], [3, 4, 5, 0, 1, 2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +67,7 @@ def searched_for(
         Points of the outline that something nearer hides.
     """
     seen = outline if hidden is None else _some(outline, ~hidden)
-    turn_first = np.roll(np.arange(6), 3)
-    prior = np.asarray(np.linalg.inv(covariance)[np.ix_(turn_first, turn_first)], np.float64)
+    prior = np.asarray(np.linalg.inv(covariance[TURN_FIRST]), np.float64)
     motion = motion.copy()
     levels = views.pyramid(search_px)
     for level in range(len(levels) - 1, -1, -1):
@@ -120,7 +122,7 @@ def measured(
         return None
     density = elsewhere(within(place.steps, NEAR), NEAR)
     steps = fitted(sight, views)
-    _, weight, normal, error = settled(shape, motion, views, sight, steps, error, density, ROUNDS)
+    _, weight, normal, error = settled(motion, shape.centre, views.rows, sight.placed, steps, error, density, ROUNDS)
     if (weight > 0.0).sum() < FEWEST_POINTS:
         return None
     if error.point > FARTHEST_STEP:

@@ -7,14 +7,19 @@ constant from frame to frame and normal (Bar-Shalom, Li & Kirubarajan 2001, sect
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from msgs_py import Pose
+from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import FloatArray
 
+from ..geometry.least_squares import cholesky
+from ..geometry.pose_rows import as_motion, as_pose
+from ..geometry.rigid_motion import compose_small, transform
 from .settings import UNSEEN_TURN
 
 
@@ -85,14 +90,47 @@ def predicted(state: BodyState, seconds: float, acceleration: float, angular_acc
     acceleration, angular_acceleration : float
         Sigmas, metres and radians a second squared.
     """
-    shift, turn = seconds * state.twist[:3], seconds * state.twist[3:]
-    pose = placed(cv2.Rodrigues(turn)[0] @ state.pose.rotation, state.place + shift, state.middle)
-    ahead = np.eye(12)
-    ahead[:6, 6:] = seconds * np.eye(6)
-    each = np.array([acceleration] * 3 + [angular_acceleration] * 3) ** 2
-    gain = np.concatenate([0.5 * seconds**2 * np.eye(6), seconds * np.eye(6)])
-    covariance = ahead @ state.covariance @ ahead.T + gain @ (each[:, None] * gain.T)
-    return BodyState(pose, state.middle, state.twist, covariance)
+    motion, covariance = _predicted(
+        as_motion(state.pose), state.middle, state.twist, state.covariance, seconds, acceleration, angular_acceleration
+    )
+    return BodyState(as_pose(motion), state.middle, state.twist, covariance)
+
+
+@njit(nogil=True)
+def _predicted(
+    motion: FloatArray,
+    middle: FloatArray,
+    twist: FloatArray,
+    covariance: FloatArray,
+    seconds: float,
+    acceleration: float,
+    angular_acceleration: float,
+) -> tuple[FloatArray, FloatArray]:
+    """As :func:`predicted`: the pose (12,), changed in place, and the covariance (12, 12)."""
+    move_middle(motion, middle, seconds * twist)
+    out = covariance.copy()
+    for i in range(6):
+        for j in range(6):
+            both = covariance[i, 6 + j] + covariance[6 + i, j]
+            out[i, j] += seconds * (both + seconds * covariance[6 + i, 6 + j])
+            out[i, 6 + j] += seconds * covariance[6 + i, 6 + j]
+            out[6 + i, j] += seconds * covariance[6 + i, 6 + j]
+    for i in range(6):
+        variance = acceleration**2 if i < 3 else angular_acceleration**2
+        out[i, i] += 0.25 * seconds**4 * variance
+        out[i, 6 + i] += 0.5 * seconds**3 * variance
+        out[6 + i, i] += 0.5 * seconds**3 * variance
+        out[6 + i, 6 + i] += seconds**2 * variance
+    return motion, out
+
+
+@njit(nogil=True)
+def move_middle(motion: FloatArray, middle: FloatArray, step: FloatArray) -> None:
+    """Shift the middle of a body at a motion (12,) by step[:3], and turn it about there by step[3:]; in place."""
+    centre, turn_first = np.empty(3), np.empty(6)
+    centre[0], centre[1], centre[2] = transform(motion, middle[0], middle[1], middle[2])
+    turn_first[:3], turn_first[3:] = step[3:], step[:3]
+    compose_small(motion, centre, turn_first)
 
 
 def carried(before: BodyState, pose: Pose, covariance: FloatArray, seconds: float, velocities: FloatArray) -> BodyState:
@@ -134,25 +172,76 @@ def corrected(state: BodyState, pose: Pose, covariance: FloatArray) -> BodyState
     covariance : (6, 6) float64
         Of middle and turn.
     """
-    innovation, spread = _innovation(state, pose, covariance)
-    gain = np.linalg.solve(spread, state.covariance[:6]).T
-    step = gain @ innovation
-    after = state.covariance - gain @ spread @ gain.T
-    twist = state.twist + step[6:]
-    variances, axes = np.linalg.eigh(covariance[3:, 3:])
-    for axis in axes.T[variances > UNSEEN_TURN]:
-        twist[3:] -= axis * (axis @ twist[3:])
-    turned = cv2.Rodrigues(step[3:6])[0] @ state.pose.rotation
-    there = placed(turned, state.place + step[:3], state.middle)
-    return BodyState(there, state.middle, twist, 0.5 * (after + after.T))
+    motion, twist, after = _corrected(
+        as_motion(state.pose), state.middle, state.twist, state.covariance, as_motion(pose), covariance
+    )
+    return BodyState(as_pose(motion), state.middle, twist, after)
+
+
+@njit(nogil=True)
+def _corrected(
+    motion: FloatArray,
+    middle: FloatArray,
+    twist: FloatArray,
+    covariance: FloatArray,
+    measured: FloatArray,
+    measured_covariance: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """As :func:`corrected`: pose (12,), changed in place, twist (6,) and covariance (12, 12)."""
+    innovation, low = _innovation(motion, middle, measured, covariance, measured_covariance)
+    # Columns of the root of what the measurement takes away.
+    root, step = np.empty((12, 6)), np.zeros(12)
+    _substitute(low, innovation)
+    for i in range(12):
+        for j in range(6):
+            root[i, j] = covariance[i, j]
+        _substitute(low, root[i])
+        for j in range(6):
+            step[i] += root[i, j] * innovation[j]
+    after = covariance.copy()
+    for i in range(12):
+        for j in range(i + 1):
+            for q in range(6):
+                after[i, j] -= root[i, q] * root[j, q]
+            after[j, i] = after[i, j]
+    twist = twist + step[6:]
+    variances, axes = np.linalg.eigh(np.ascontiguousarray(measured_covariance[3:, 3:]))
+    for q in range(3):
+        if variances[q] > UNSEEN_TURN:
+            along = axes[0, q] * twist[3] + axes[1, q] * twist[4] + axes[2, q] * twist[5]
+            for i in range(3):
+                twist[3 + i] -= along * axes[i, q]
+    move_middle(motion, middle, step[:6])
+    return motion, twist, after
+
+
+@njit(nogil=True)
+def _substitute(low: FloatArray, x: FloatArray) -> None:
+    """Solve L x = right (6,) in place."""
+    for i in range(6):
+        for k in range(i):
+            x[i] -= low[i, k] * x[k]
+        x[i] /= low[i, i]
 
 
 def mahalanobis(state: BodyState, pose: Pose, covariance: FloatArray) -> float:
     """Squared distance of a measured pose from the predicted one, in units of what is expected: six, on average."""
-    innovation, spread = _innovation(state, pose, covariance)
-    return float(innovation @ np.linalg.solve(spread, innovation))
+    distance: float = _mahalanobis(as_motion(state.pose), state.middle, as_motion(pose), state.covariance, covariance)
+    return distance
 
 
+@njit(nogil=True)
+def _mahalanobis(
+    motion: FloatArray, middle: FloatArray, measured: FloatArray, covariance: FloatArray, own: FloatArray
+) -> float:
+    """As :func:`mahalanobis`."""
+    innovation, low = _innovation(motion, middle, measured, covariance, own)
+    _substitute(low, innovation)
+    distance: float = (innovation**2).sum()
+    return distance
+
+
+@njit(nogil=True)
 def occam(before: FloatArray, measured: FloatArray) -> float:
     """Nats that a pose costs which was fitted: how many it was chosen from (MacKay 2003, section 28.1).
 
@@ -161,15 +250,41 @@ def occam(before: FloatArray, measured: FloatArray) -> float:
 
     before, measured : (6, 6) float64, covariance predicted, and that of the measurement alone
     """
-    ratio = np.linalg.slogdet(np.eye(6) + np.linalg.solve(measured, before))[1]
-    return float(0.5 * ratio)
+    nats = 0.0
+    low = np.empty((6, 6))
+    for covariance, sign in ((before + measured, 1.0), (measured, -1.0)):
+        if not cholesky(covariance, 6, low):
+            raise ValueError('measured: not positive definite')
+        for i in range(6):
+            nats += sign * math.log(low[i, i])
+    return nats
 
 
-def _innovation(state: BodyState, pose: Pose, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Shift and turn (6,) from the predicted pose to a measured one, and their covariance (6, 6)."""
-    turn = cv2.Rodrigues(pose.rotation @ state.pose.rotation.T)[0][:, 0]
-    innovation = np.concatenate([pose.apply(state.middle) - state.place, turn])
-    return innovation, state.covariance[:6, :6] + covariance
+@njit(nogil=True)
+def _innovation(
+    motion: FloatArray, middle: FloatArray, measured: FloatArray, covariance: FloatArray, own: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Shift and turn (6,) from a predicted motion (12,) to a measured one, and the root (6, 6) of their covariance."""
+    out, low = np.empty(6), np.empty((6, 6))
+    x, y, z = transform(motion, middle[0], middle[1], middle[2])
+    u, v, w = transform(measured, middle[0], middle[1], middle[2])
+    out[0], out[1], out[2] = u - x, v - y, w - z
+    # Of the turn from one to the other, sine and cosine; it is small, or the outline would not have been found.
+    cosine = -0.5
+    for i in range(9):
+        cosine += 0.5 * measured[i] * motion[i]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[3 + i] = 0.0
+        for q in range(3):
+            up, down = measured[3 * k + q] * motion[3 * j + q], measured[3 * j + q] * motion[3 * k + q]
+            out[3 + i] += 0.5 * (up - down)
+    sine = math.sqrt(out[3] ** 2 + out[4] ** 2 + out[5] ** 2)
+    if sine > 0.0:
+        out[3:] *= math.atan2(sine, cosine) / sine
+    if not cholesky(covariance[:6, :6] + own, 6, low):
+        raise ValueError('covariance: not positive definite')
+    return out, low
 
 
 def placed(rotation: FloatArray, place: FloatArray, middle: FloatArray) -> Pose:

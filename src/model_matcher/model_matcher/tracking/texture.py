@@ -7,17 +7,22 @@ where the object is; it is a prediction, better than that of a constant velocity
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from msgs_py import Pose
-from msgs_py.numeric.typed import BoolArray, ByteArray, Float32Array, FloatArray
+from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 
+from ..geometry.least_squares import solve6
+from ..geometry.pose_rows import as_motion, as_pose
+from ..geometry.rigid_motion import transform
 from ..image_pose.sight import Shape, Sight
 from ..image_pose.views import Views
-from .motion_filter import placed
+from .motion_filter import move_middle
 from .settings import (
     CORNER_APART,
     CORNER_OF_NOISE,
@@ -115,7 +120,7 @@ def followed(
         pixel, good = _flow(one, pose, views, reach_px)
         point.append(one.point[good])
         seen.append(pixel[good])
-        eye.append(np.full(int(good.sum()), one.eye))
+        eye.append(np.full(int(good.sum()), one.eye, np.int64))
     if sum(len(part) for part in point) < FEWEST_CORNERS:
         return None
     return _laid(np.concatenate(point), np.concatenate(seen), np.concatenate(eye), pose, covariance, middle, views)
@@ -147,42 +152,74 @@ def _flow(one: Corners, pose: Pose, views: Views, reach_px: float) -> tuple[Floa
 def _laid(
     point: FloatArray,
     seen: FloatArray,
-    eye: FloatArray,
+    eye: IntArray,
     pose: Pose,
     covariance: FloatArray,
     middle: FloatArray,
     views: Views,
 ) -> tuple[Pose, FloatArray] | None:
     """Robust Gauss-Newton (Cauchy's weights) of a pose on points (n, 3) seen at pixels (n, 2) of views (n,)."""
-    prior = np.linalg.inv(covariance)
-    camera = views.rows[eye.astype(int)]
-    turn = camera[:, :9].reshape(-1, 3, 3)
-    total = np.zeros(6)
-    normal, weight = prior, np.ones(len(point))
-    for _ in range(FLOW_TURNS):
-        arm = pose.rotate(point - middle)
-        at = np.einsum('nij,nj->ni', turn, pose.apply(point)) + camera[:, 9:12]
-        if not (at[:, 2] > 0.0).all():
-            return None
-        scale = camera[:, 12:14] / at[:, 2:]
-        off = seen - (scale * at[:, :2] + camera[:, 14:])
-        along = np.zeros((len(point), 2, 3))
-        along[:, 0, 0], along[:, 1, 1] = scale[:, 0], scale[:, 1]
-        along[:, :, 2] = -scale * at[:, :2] / at[:, 2:]
-        shift = along @ turn
-        slope = np.concatenate([shift, np.cross(arm[:, None], shift)], axis=2)
-        length = np.linalg.norm(off, axis=1)
-        sigma = max(CORNER_SIGMA, float(np.median(length)) / RAYLEIGH_MEDIAN)
-        weight = 1.0 / (1.0 + (length / sigma) ** 2)
-        weighted = slope * (weight / sigma**2)[:, None, None]
-        normal = np.einsum('nki,nkj->ij', weighted, slope) + prior
-        step = np.linalg.solve(normal, np.einsum('nki,nk->i', weighted, off) - prior @ total)
-        total = total + step
-        pose = placed(cv2.Rodrigues(step[3:])[0] @ pose.rotation, pose.apply(middle) + step[:3], middle)
-    # Within two sigmas.
-    if (weight > 0.2).sum() < max(FEWEST_CORNERS, 0.5 * len(weight)):
+    motion = as_motion(pose)
+    normal, agree = _aligned(motion, point, seen, views.rows[eye], np.linalg.inv(covariance), middle)
+    if agree < max(FEWEST_CORNERS, 0.5 * len(point)):
         return None
-    return pose, np.linalg.inv(normal)
+    return as_pose(motion), np.linalg.inv(normal)
+
+
+@njit(nogil=True)
+def _aligned(
+    motion: FloatArray, point: FloatArray, seen: FloatArray, camera: FloatArray, prior: FloatArray, middle: FloatArray
+) -> tuple[FloatArray, int]:
+    """Lay a pose (12,) on corners, in place: the normal matrix of middle and turn, and how many agree.
+
+    point : (n, 3); seen : (n, 2); camera : (n, 16), that of each; prior : (6, 6), of middle and turn; middle : (3,)
+    """
+    n = len(point)
+    off, length, slope = np.empty((n, 2)), np.empty(n), np.empty((n, 2, 6))
+    normal, right = prior.copy(), np.empty(6)
+    step, total, shift = np.zeros(6), np.zeros(6), np.empty(3)
+    agree = 0
+    for _ in range(FLOW_TURNS):
+        cx, cy, cz = transform(motion, middle[0], middle[1], middle[2])
+        for k in range(n):
+            px, py, pz = transform(motion, point[k, 0], point[k, 1], point[k, 2])
+            c = camera[k]
+            x = c[0] * px + c[1] * py + c[2] * pz + c[9]
+            y = c[3] * px + c[4] * py + c[5] * pz + c[10]
+            z = c[6] * px + c[7] * py + c[8] * pz + c[11]
+            if not z > 0.0:
+                return normal, 0
+            off[k, 0] = seen[k, 0] - (c[12] * x / z + c[14])
+            off[k, 1] = seen[k, 1] - (c[13] * y / z + c[15])
+            length[k] = math.hypot(off[k, 0], off[k, 1])
+            ax, ay, az = px - cx, py - cy, pz - cz
+            for i in range(2):
+                along, across = c[12 + i] / z, (x if i == 0 else y) / z
+                for j in range(3):
+                    shift[j] = along * (c[3 * i + j] - across * c[6 + j])
+                slope[k, i, :3] = shift
+                slope[k, i, 3] = ay * shift[2] - az * shift[1]
+                slope[k, i, 4] = az * shift[0] - ax * shift[2]
+                slope[k, i, 5] = ax * shift[1] - ay * shift[0]
+        sigma = max(CORNER_SIGMA, np.median(length) / RAYLEIGH_MEDIAN)
+        normal[:], right[:] = prior, -prior @ total
+        agree = 0
+        for k in range(n):
+            weight = 1.0 / (1.0 + (length[k] / sigma) ** 2)
+            # Within two sigmas.
+            agree += weight > 0.2
+            weight /= sigma**2
+            for line in range(2):
+                row = slope[k, line]
+                for i in range(6):
+                    right[i] += weight * row[i] * off[k, line]
+                    for j in range(6):
+                        normal[i, j] += weight * row[i] * row[j]
+        if not solve6(normal, right, step):
+            return normal, 0
+        total += step
+        move_middle(motion, middle, step)
+    return normal, agree
 
 
 def _box(pixel: FloatArray | Float32Array, more: float, image: ByteArray) -> tuple[FloatArray, FloatArray]:

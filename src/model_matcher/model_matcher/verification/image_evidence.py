@@ -30,7 +30,7 @@ from ..image_pose.views import Views
 from ..model.index import ModelIndex
 from ..model.problem import Problem
 from ..model.regularity import regularity
-from ..model.symmetry import axis_of_revolution, common_axis, near, symmetries
+from ..model.symmetry import axis_of_revolution, common_axis, equal_but_for_turn, near, symmetries
 from .evidence import displaced
 from .false_alarms import chance_with_images
 from .refinement import evidence_at
@@ -163,9 +163,11 @@ def _turns(index: ModelIndex, shape: Shape, hypothesis: Interpretation, motion: 
     axis = common_axis(index.rows[rows], index.size) if hypothesis.free_turn is not None else None
     if axis is None or axis_of_revolution(index) is not None:
         return [pose]
+    # Turns that lay the model on itself: what is between two of them is all there is.
+    fold = 1 + sum(equal_but_for_turn(motion, Pose.identity(), axis, index.size) for motion in symmetries(index))
     # So fine that the outline moves by TURN_PX from one to the next.
-    steps = int(np.ceil(np.pi * _pixels(shape, pose, views) / TURN_PX))
-    turns = [Pose.from_rotation_vector(k * (2.0 * np.pi / steps) * axis.direction) for k in range(steps)]
+    steps = int(np.ceil(np.pi * _pixels(shape, pose, views) / TURN_PX / fold))
+    turns = [Pose.from_rotation_vector(k * (2.0 * np.pi / (fold * steps)) * axis.direction) for k in range(steps)]
     return [pose.compose(Pose(turn.rotation, axis.point - turn.rotation @ axis.point)) for turn in turns]
 
 

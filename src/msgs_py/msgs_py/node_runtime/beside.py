@@ -1,7 +1,7 @@
 """Work of a node beside its executor: parameters, services and diagnostics answer while it goes on.
 
 One input is worked on at a time, in a thread. Of those that come meanwhile the newest is kept, and the others are
-counted as lost, as those are that a queue of one has no room for. What an input's result is made from is fixed when
+counted as passed over. What an input's result is made from is fixed when
 work on it begins; when that holds no longer, the work is ended and the input, unless a newer one waits, is begun anew.
 """
 
@@ -70,6 +70,11 @@ class Beside(Generic[Given, Made]):
         """Since the work that is under way began; 0 when none is."""
         job = self._job
         return 0.0 if job is None else time.monotonic() - job.begun
+
+    @property
+    def busy(self) -> bool:
+        """Whether work is under way."""
+        return self._job is not None
 
     def take(self, given: Given) -> None:
         """Work on an input, or keep it until the one before it is done."""

@@ -13,6 +13,7 @@ from ..codecs import CodecError, grey_picture
 from ..codecs.pictures import BITS
 from ..numeric.typed import AnyArray
 from .config import Config, parameter
+from .settings import MOST_CAMERAS
 
 RAW, COMPRESSED = 'raw', 'compressed'
 INFO = 'camera_info'
@@ -44,6 +45,20 @@ class CameraConfig(Config):
         maximum=BITS,
         read_only=True,
     )
+
+
+def cameras_parameter(least: int) -> int:
+    """The parameter ``cameras`` of a node that takes images of at least so many."""
+    of_one = '; of one left/image_rect and left/camera_info' if least == 1 else ''
+    number: int = parameter(
+        2,
+        'How many cameras there are; of three and more the topics are camera_0/image_rect, camera_0/camera_info, ...'
+        + of_one,
+        minimum=least,
+        maximum=MOST_CAMERAS,
+        read_only=True,
+    )
+    return number
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ from .settings import (
     UNBOUNDED_FLOAT,
     UNBOUNDED_INTEGER,
 )
-from .stamp_sync import StampSync
+from .stamp_sync import StampSync, stamp_ns
 from .transport import make_room_for_images
 from .until import Until
 
@@ -343,21 +343,32 @@ class GraphNode(ManagedNode, Generic[_C]):
 
     def _declare(self, config_class: type[_C]) -> _C:
         """Declare every parameter. An unusable start-up value is reported, and the default taken instead."""
-        config = config_class()
+        given = {}
         for spec in config_class.parameters():
             try:
                 self._declare_one(spec)
-                candidate = config.changed({spec.name: self._declared_value(spec)})
+                given[spec.name] = spec.check(self._declared_value(spec))
             except (InvalidParameterTypeException, InvalidParameterValueException, ValueError) as error:
-                self._refused[spec.name] = str(error)
-                self.problem(f'{error}; using the default {spec.default!r}')
-                if self.has_parameter(spec.name):
-                    self.describe_parameter(spec.name).read_only = False  # or it could not be taken back
-                    self.undeclare_parameter(spec.name)
-                self._declare_one(spec, ignore_override=True)
-                continue
-            config = candidate
+                self._take_default(spec, error)
+        # Rules that span parameters may hold of all values together, and of none before the others.
+        with contextlib.suppress(ValueError):
+            return config_class().changed(given)
+        config = config_class()
+        for spec in config_class.parameters():
+            try:
+                config = config.changed({spec.name: given[spec.name]} if spec.name in given else {})
+            except ValueError as error:
+                self._take_default(spec, error)
         return config
+
+    def _take_default(self, spec: ParameterSpec, error: Exception) -> None:
+        """Say that a start-up value is unusable, and take the default instead."""
+        self._refused[spec.name] = str(error)
+        self.problem(f'{error}; using the default {spec.default!r}')
+        if self.has_parameter(spec.name):
+            self.describe_parameter(spec.name).read_only = False  # or it could not be taken back
+            self.undeclare_parameter(spec.name)
+        self._declare_one(spec, ignore_override=True)
 
     def _declare_one(self, spec: ParameterSpec, ignore_override: bool = False) -> None:
         """Declare one parameter, with what a user's tools show of it."""
@@ -649,8 +660,7 @@ class GraphNode(ManagedNode, Generic[_C]):
             def on_message(message: Any) -> None:
                 if topic in kept and message == sync.last(topic):
                     return  # both subscriptions hear what comes
-                stamp = message.header.stamp
-                complete = sync.add(topic, stamp.sec * NANOSECONDS + stamp.nanosec, message)
+                complete = sync.add(topic, stamp_ns(message.header), message)
                 if complete is not None:
                     on_set(complete)
 

@@ -37,3 +37,5 @@ PENDING_SETS = 5
 # Half the time that images wait for camera_info of their stamp, seconds, before the last one counts; afterwards they do
 # not wait. Of one stamp they are published within milliseconds.
 INFO_WAIT_S = 0.1
+# Cameras that one node listens to.
+MOST_CAMERAS = 16

@@ -13,6 +13,11 @@ from typing import Any
 from .settings import NANOSECONDS, PENDING_SETS
 
 
+def stamp_ns(header: Any) -> int:
+    """The stamp of a message's header, nanoseconds."""
+    return int(header.stamp.sec) * NANOSECONDS + int(header.stamp.nanosec)
+
+
 @dataclass
 class SyncCounters:
     """What happened so far; all numbers of messages, except ``sets`` and ``clock_jumps``.

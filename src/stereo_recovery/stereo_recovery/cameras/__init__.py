@@ -1,1 +1,1 @@
-"""Calibrated rigs from files, and raw images made into rectified ones."""
+"""Calibrated rigs from files, raw images made into rectified ones, and a camera's noise."""

@@ -1,7 +1,7 @@
 """Calibration files of a stereo camera, in three forms.
 
-OpenCV's YAML (K1, D1, R1, P1, K2, ...), ROS camera_info YAML, and the JSON of an ideal pair (width, height, K,
-baseline) that the renderer writes.
+OpenCV's YAML (K1, D1, R1, P1, K2, ...), ROS camera_info YAML, and the JSON of a pair of equal cameras (width, height,
+K, baseline, of raw pictures distortion_model and D) that the renderer writes.
 """
 
 from __future__ import annotations
@@ -228,15 +228,19 @@ def _ideal(path: Path, document: dict[str, Any], size: tuple[int, int]) -> tuple
     try:
         k = np.asarray(document['K'], dtype=float).reshape(3, 3)
         baseline = float(document['baseline'])
+        distortion = [float(number) for number in document.get('D', [])]
     except (TypeError, ValueError):
-        raise ValueError(f'{path}: expected K, nine numbers, and baseline, a number of metres') from None
+        raise ValueError(
+            f'{path}: expected K, nine numbers, baseline, a number of metres, and D, if any, a list of numbers'
+        ) from None
     flat = k.ravel().tolist()
     projections = [np.column_stack([k, [shift, 0.0, 0.0]]).ravel().tolist() for shift in (0.0, -k[0, 0] * baseline)]
     left, right = (
         CameraFile(
             int(document.get('width', size[0])),
             int(document.get('height', size[1])),
-            'plumb_bob',
+            str(document.get('distortion_model', 'plumb_bob')),
+            distortion,
             k=flat,
             r=np.eye(3).ravel().tolist(),
             p=projection,

@@ -30,3 +30,16 @@ FEWEST_ROWS = 32
 # The nearest things of interest, in baselines of the widest pair (the thesis' rig: 5), for which overlap is counted, in
 # so many depths, on a grid of so many columns and rows.
 BASELINES_AWAY, OVERLAP_DEPTHS, OVERLAP_GRID = 5.0, 4, 12
+
+# -- photon transfer ---------------------------------------------------------------------------------------------------
+
+# Bins of grey levels of the photon transfer curve, and the fewest pixels that say what the noise of one is: its
+# standard deviation to 1 in 20.
+LEVEL_BINS, FEWEST_PAIRS = 64, 200
+# px: smoothing before the level and the slope of a place are read off.
+CALM_SIGMA = 2.0
+# Differences beyond this many sigmas are no noise: one in two million is, of normal ones. Rounds of leaving them out,
+# and of weighing bins; bins beyond TRANSFER_HUBER standard errors count less.
+OUTLIER_SIGMAS, REWEIGHTED, TRANSFER_HUBER = 5.0, 4, 2.5
+# A level this many sigmas from black or white is not clipped.
+CLIPPED_SIGMAS = 4.0

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -130,10 +132,12 @@ class Curve:
         """Whether both radii are one number."""
         return bool(self.radii[0] == self.radii[1])
 
-    @property
+    @cached_property
     def tilt(self) -> float:
         """Radians, one sigma of the normal in its worst direction."""
-        return float(np.sqrt(max(np.linalg.eigvalsh(self.covariance[3:5, 3:5])[-1], 0.0)))
+        (a, b), (_, d) = self.covariance[3:5, 3:5].tolist()
+        # The larger eigenvalue.
+        return math.sqrt(max(0.5 * (a + d) + math.hypot(0.5 * (a - d), b), 0.0))
 
     @property
     def centre_and_normal_covariance(self) -> FloatArray:

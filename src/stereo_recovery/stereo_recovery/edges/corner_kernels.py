@@ -8,7 +8,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 from ..detection.buckets import bucketed, near
-from .settings import ABSENT, BEFORE, BESIDE, BEYOND, CORNER_GATE, CORNER_MISS, END_SHARE, ROUNDED
+from .settings import BEFORE, BESIDE, BEYOND, CORNER_GATE, CORNER_MISS, END_SHARE
 
 
 @njit
@@ -69,45 +69,3 @@ def _told(point: FloatArray, own: IntArray, first: int, q: int, k: int) -> bool:
     du, dv = point[q, 0] - point[first, 0], point[q, 1] - point[first, 1]
     same: bool = abs(du) < 2.0 * BESIDE and abs(dv) < 2.0 * BESIDE and own[q] != k
     return same
-
-
-@njit
-def missed(
-    pair: tuple[IntArray, IntArray],
-    met: tuple[BoolArray, FloatArray],
-    table: tuple[FloatArray, FloatArray],
-    known: tuple[IntArray, FloatArray],
-    sign: float,
-) -> BoolArray:
-    """(n,) bool: pairs that end at a corner in one image and miss it in the other.
-
-    pair : (n,) segments in the one and the other image; met : what :func:`meetings` found in the one image; table : of
-    both images, as for it; known : (m,) ascending edges that know a corner, and where it is in the one image (m, 2);
-    sign : of the disparity that leads to the other image
-    """
-    own, other = pair
-    found, value = met
-    edge, point = known
-    wrong = np.zeros(len(own), np.bool_)
-    for e in range(len(own)):
-        k, j = own[e], other[e]
-        here, far = table[0][k], table[1][j]
-        low, high = np.searchsorted(edge, e), np.searchsorted(edge, e + 1)
-        for end in range(2):
-            if not found[k, end]:
-                continue
-            u, v = here[0] + value[k, end, 0] * here[2], here[1] + value[k, end, 0] * here[3]
-            told = False
-            for q in range(low, high):
-                told |= np.hypot(point[q, 0] - u, point[q, 1] - v) < 2.0 * BESIDE
-            if told:
-                continue
-            du, dv = u + sign * value[k, end, 1] - far[0], v - far[1]
-            s = du * far[2] + dv * far[3]
-            # A segment that stops before the corner need not lie on the line to it.
-            if s < far[4] - ABSENT or s > far[5] + ABSENT:
-                continue
-            variance = (value[k, end, 2] * far[3]) ** 2 + far[6] ** 2 + (far[7] * s) ** 2 + ROUNDED**2
-            if abs(dv * far[2] - du * far[3]) > max(CORNER_MISS, CORNER_GATE * np.sqrt(variance)):
-                wrong[e] = True
-    return wrong

@@ -20,7 +20,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from msgs_py import StereoRig
-from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
+from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..estimation.estimate import OwnLines
 from ..estimation.own_lines import LinePairs, line_pairs
@@ -205,11 +205,3 @@ def view_extents(views: Sequence[ViewLines], seen: StereoSegments, x: FloatArray
                 values[e] = getattr(more, name)
             open_edges[e] = False
     return Extents(**arrays)
-
-
-def seen_further(views: Sequence[ViewLines], seen: StereoSegments) -> BoolArray:
-    """(n,) bool: edges of the pair that a further camera shows."""
-    result = np.zeros(len(seen.matches), bool)
-    for view in views:
-        result |= view.match_of(seen) >= 0
-    return result

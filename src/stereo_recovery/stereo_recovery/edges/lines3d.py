@@ -36,12 +36,6 @@ class Lines3D:
         Of offset (pixels) and direction (radians) of the left line; of a and b with these two.
     end_sigma : (n, 2) float64
         Pixels, of the extent.
-    fixed : (n, 2) bool
-        The end is a corner.
-    strut : (n,) bool
-        The edge runs from one known corner to another, and one image shows it, or a further camera measures it.
-    reliability : (n,) float64
-        Probability that all hold on which the edge's depth hangs.
     """
 
     left: AnyArray
@@ -52,9 +46,6 @@ class Lines3D:
     line_covariance: AnyArray
     with_line: AnyArray
     end_sigma: AnyArray
-    fixed: AnyArray
-    strut: AnyArray
-    reliability: AnyArray
 
     def __len__(self) -> int:
         return len(self.left)

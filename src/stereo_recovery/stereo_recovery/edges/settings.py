@@ -9,8 +9,6 @@ from __future__ import annotations
 
 # -- what is reported --------------------------------------------------------------------------------------------------
 
-# Least probability that all holds on which the depth of a reported edge hangs. [D] more likely than not
-LEAST_RELIABILITY = 0.5
 # Largest three sigma bound across an edge, as a share of its length. [R]
 MOST_ERR_PER = 0.25
 
@@ -21,11 +19,6 @@ ONE_CORNER = 1.5
 # px, and share of what both images show: a chain that stops this far before a corner of the other image is lost, not
 # hidden. [R]
 LOST, LOST_SHARE = 20.0, 0.5
-# What makes corners doubtful, and how much, px, one sigma: an edge that goes on behind or before the other; edges
-# shorter than SHORT_EDGE; a chain that ends FAR_GAP px from the corner. [R]
-T_SIGMA = 0.3
-SHORT_EDGE, SHORT_SIGMA = 15.0, 0.15
-FAR_GAP, FAR_SIGMA = 6.0, 0.3
 
 # -- edges between corners ---------------------------------------------------------------------------------------------
 
@@ -36,13 +29,6 @@ BESIDE, BEYOND, BEFORE, END_SHARE = 1.5, 10.0, 5.0, 0.5
 CORNER_MISS, CORNER_GATE = 1.2, 3.5
 # px: what corners of straight segments miss each other by in an image. [R]
 ROUNDED = 0.25
-# px: a line that misses a corner must come this near to it, along itself. [R]
-ABSENT = 7.0
-# px: heights of one corner in the two images, and of ends that are none, differ by less; and the shortest segment that
-# corners match. [R]
-SAME_HEIGHT, ENDS_HEIGHT, SHORTEST_MATCH = 1.0, 3.0, 4.0
-# So often corners that edges add add edges. [R]
-CORNER_ROUNDS = 2
 # px: the shortest segment that makes an edge between two corners, and how far inside its ends another one that runs
 # into it says that it is more than one edge. [R]
 SHORTEST, INSIDE = 8.0, 4.0

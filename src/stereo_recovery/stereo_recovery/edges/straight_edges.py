@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from msgs_py import StereoRig
-from msgs_py.numeric.typed import FloatArray
 
 from ..curves.curve import Curve
 from ..detection.segments import Segments
@@ -19,12 +18,11 @@ from ..estimation.settings import GROUP_ROUNDS, MOST_CORNER_SIGMA, WELL_MEASURED
 from ..estimation.texture import AlignedStrips, texture_factors
 from ..matching.stereo_segments import StereoSegments
 from ..stopwatch import Late, never
-from .corner_matching import inconsistent, matched_by_corners
-from .extents import Extents, extents
-from .further_views import ViewLines, joint_lines, seen_further, view_extents
-from .junction_edges import Corners, corners, junction_edges
+from .extents import extents
+from .further_views import ViewLines, joint_lines, view_extents
+from .junction_edges import corners, junction_edges
 from .lines3d import Lines3D, line_covariance
-from .settings import CORNER_ROUNDS, ROUNDED
+from .settings import ROUNDED
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +63,10 @@ def _as_they_meet(factors: Factors, found: Estimate) -> Factors:
     return replace(factors, sigma=np.where(factors.other >= 0, heavy, factors.sigma))
 
 
-def solved(seen: StereoSegments, beside: Beside) -> tuple[Estimate, FloatArray]:
+def solved(seen: StereoSegments, beside: Beside) -> Estimate:
     """The disparities of all edges: first without parallel groups, which known edges show, then with them.
 
-    Parameters are those of :func:`edges`. Besides the estimate: (n, 2, 2) covariance of the unknowns with offset and
-    direction of the left lines.
+    Parameters are those of :func:`edges`.
     """
     disparity = seen.matches.disparity
     lines = joint_lines(seen, beside.row_sigma, beside.views).about(disparity[:, 1])
@@ -96,14 +93,7 @@ def solved(seen: StereoSegments, beside: Beside) -> tuple[Estimate, FloatArray]:
         if scatter > 1.0:
             parallel = replace(parallel, sigma=np.sqrt(scatter) * parallel.sigma)
             found = estimate(lines, Factors.concatenate([own, parallel]), found.used, len(own), found.place)
-    return found, lines.covariance_with_line(found.covariance)
-
-
-def _with_corners(seen: StereoSegments, beside: Beside) -> tuple[Estimate, FloatArray, Extents, Corners]:
-    """The estimate and its covariance with the left lines, where the edges end, and the corners that follow."""
-    found, with_line = solved(seen, beside)
-    ends = view_extents(beside.views, seen, found.x, extents(seen, found.x))
-    return found, with_line, ends, corners(seen, found, ends)
+    return found
 
 
 def edges(seen: StereoSegments, beside: Beside) -> tuple[Lines3D, tuple[Segments, Segments]]:
@@ -121,35 +111,20 @@ def edges(seen: StereoSegments, beside: Beside) -> tuple[Lines3D, tuple[Segments
     (Segments, Segments)
         Of both images, that the lines refer to: with those that the other image alone shows.
     """
-    given = seen.matches
-    found, with_line, ends, known = _with_corners(seen, beside)
-    wrong = inconsistent(seen, known)
-    if wrong.any():
-        seen = replace(seen, matches=seen.matches.select(~wrong))
-        found, with_line, ends, known = _with_corners(seen, beside)
-    for _ in range(CORNER_ROUNDS):
-        grown = None if beside.late() else matched_by_corners(seen, known)
-        if grown is None:
-            break
-        seen = replace(seen, matches=grown)
-        found, with_line, ends, known = _with_corners(seen, beside)
-    matches = seen.matches
-    # What another eye measures may be steep for these two.
-    by_corners = (np.arange(len(matches)) >= len(given) - wrong.sum()) | seen_further(beside.views, seen)
+    found = solved(seen, beside)
+    ends = view_extents(beside.views, seen, found.x, extents(seen, found.x))
+    left = seen.matches.left
     lines = Lines3D(
-        matches.left,
-        matches.right,
+        left,
+        seen.matches.right,
         ends.abscissa,
         found.x,
         found.covariance,
-        found.unit_variance * line_covariance(seen.segments[0], matches.left),
-        with_line,
+        found.unit_variance * line_covariance(seen.segments[0], left),
+        found.lines.covariance_with_line(found.covariance),
         ends.sigma,
-        ends.fixed,
-        by_corners,
-        found.reliability(),
     )
-    more = junction_edges(seen, known)
+    more = junction_edges(seen, corners(seen, found, ends))
     if more is None:
         return lines, seen.segments
     count = len(more.extent)
@@ -163,8 +138,5 @@ def edges(seen: StereoSegments, beside: Beside) -> tuple[Lines3D, tuple[Segments
         line_covariance(more.segments[0], left),
         np.zeros((count, 2, 2)),
         np.full((count, 2), ROUNDED),
-        np.ones((count, 2), bool),
-        np.ones(count, bool),
-        np.ones(count),
     )
     return Lines3D.concatenate([lines, added]), more.segments

@@ -49,16 +49,12 @@ class Solution(NamedTuple):
     x, covariance : (n, 2), (n, 2, 2)
     residual, variance : (k,)
         What each factor's product misses its value by, and the product's variance.
-    with_first, with_second : (k, 2)
-        Covariance of the product with the unknowns of the factor's first and of its second edge.
     """
 
     x: FloatArray
     covariance: FloatArray
     residual: FloatArray
     variance: FloatArray
-    with_first: FloatArray
-    with_second: FloatArray
 
 
 class Parts(NamedTuple):
@@ -74,7 +70,7 @@ class Parts(NamedTuple):
 def empty_solution(s: System) -> Solution:
     """Room for a solution."""
     n, k = len(s.place), len(s.edge)
-    return Solution(np.empty((n, 2)), np.empty((n, 2, 2)), np.empty(k), np.empty(k), np.empty((k, 2)), np.empty((k, 2)))
+    return Solution(np.empty((n, 2)), np.empty((n, 2, 2)), np.empty(k), np.empty(k))
 
 
 @njit
@@ -131,22 +127,18 @@ def _add_statement(block: FloatArray, right: FloatArray, h: FloatArray, weight: 
 def _product(s: System, k: int, below: FloatArray, out: Solution) -> None:
     """What the solution makes of a factor; below : (m, 2, 2) of the inverse."""
     e, f, q, h, g = s.edge[k], s.other[k], s.slot[k], s.row[k], s.other_row[k]
-    first, second = out.with_first[k], out.with_second[k]
-    first[:], second[:] = 0.0, 0.0
     residual, variance = s.value[k], 0.0
+    turned = q >= 0 and s.place[e] < s.place[f]
     for r in range(2):
         residual -= h[r] * out.x[e, r]
-        for c in range(2):
-            first[r] += out.covariance[e, r, c] * h[c]
-    if q >= 0:
-        turned = s.place[e] < s.place[f]
-        for r in range(2):
+        if q >= 0:
             residual += g[r] * out.x[f, r]
-            for c in range(2):
-                first[r] -= (below[q, c, r] if turned else below[q, r, c]) * g[c]
-                second[r] += (below[q, r, c] if turned else below[q, c, r]) * h[c] - out.covariance[f, r, c] * g[c]
-        variance -= g[0] * second[0] + g[1] * second[1]
-    out.residual[k], out.variance[k] = residual, variance + h[0] * first[0] + h[1] * first[1]
+        for c in range(2):
+            variance += h[r] * out.covariance[e, r, c] * h[c]
+            if q >= 0:
+                shared = below[q, c, r] if turned else below[q, r, c]
+                variance += g[r] * out.covariance[f, r, c] * g[c] - 2.0 * h[r] * shared * g[c]
+    out.residual[k], out.variance[k] = residual, variance
 
 
 @njit

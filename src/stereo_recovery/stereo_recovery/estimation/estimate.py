@@ -25,7 +25,7 @@ from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, IntArray
 from .equation_kernels import Solution
 from .factors import Factors
 from .normal_equations import NormalEquations
-from .settings import CHAIN, LEAST_REST, MATCH_SIGMA, MATCH_SLOPE, OPEN_SIGMA, REDUNDANCY, START_ROUNDS, WELL_MEASURED
+from .settings import LEAST_REST, MATCH_SIGMA, MATCH_SLOPE, REDUNDANCY, START_ROUNDS, WELL_MEASURED
 from .start_kernels import Statements, likeliest
 
 
@@ -105,26 +105,6 @@ class Estimate:
     def covariance(self) -> FloatArray:
         """(n, 2, 2) of them."""
         return self.solution.covariance * self.unit_variance
-
-    def reliability(self) -> FloatArray:
-        """(n,) probability that all hold on which an edge's depth hangs: those without which it would be open."""
-        lines, factors, solution = self.lines, self.factors, self.solution
-        variance = end_sigma(solution.covariance, lines) ** 2
-        rest = np.maximum(factors.sigma**2 - solution.variance, 1e-9 * factors.sigma**2)
-        hangs = []
-        for edge, shared in ((factors.edge, solution.with_first), (factors.other, solution.with_second)):
-            gain = np.einsum('kei,ki->ke', lines.ends[edge], shared) ** 2 / rest[:, None]
-            hangs.append(self.used & (edge >= 0) & ((variance[edge] + gain).max(axis=1) > OPEN_SIGMA**2))
-        mutual = hangs[0] & hangs[1]
-        result = np.ones(len(lines.extent))
-        # What an edge hangs on hangs on others; two that hang on each other say it once.
-        for _ in range(CHAIN):
-            total = np.zeros(len(result))
-            for needs, edge, other in zip(hangs, (factors.edge, factors.other), (factors.other, factors.edge)):
-                its = np.where((other >= 0) & ~mutual, result[other], 1.0)
-                np.add.at(total, edge[needs], np.log(np.maximum(self.holds * its, 1e-9))[needs])
-            result = np.exp(total)
-        return np.asarray(result)
 
 
 def without_itself(factors: Factors, solution: Solution, used: BoolArray) -> tuple[FloatArray, FloatArray]:

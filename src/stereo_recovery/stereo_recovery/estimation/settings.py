@@ -64,8 +64,8 @@ MATCH_SIGMA, MATCH_SLOPE = 20.0, 0.3
 WELL_MEASURED, OPEN_SIGMA = 0.3, 1.0
 # px a pixel: largest slope of disparity that is tried for an open edge. [R]
 MOST_SLOPE = 0.5
-# Rounds of the start, of the least squares, and links of a chain of edges that hang on each other. [R] bounds the time
-START_ROUNDS, ROUNDS, CHAIN = 3, 100, 4
+# Rounds of the start, and of the least squares. [R] bounds the time
+START_ROUNDS, ROUNDS = 3, 100
 # Share of a factor's variance that all others leave it, at least, when it is taken out of a least squares. [D] rounding
 LEAST_REST = 1e-6
 # So often a factor may be taken out again. [D] more would not end

@@ -6,15 +6,13 @@ import math
 
 import numpy as np
 
-from msgs_py.numeric.compiled import njit
-
-from ..program import TERRAIN
-from ..settings import MOST_BOUNDARY_PIXELS
+from ..programs.program import TERRAIN
 from ..tiling import NOWHERE
 from .records import PixelRun
-from .rows import BLUE, DEPTH, GREEN, HIT, NX, NY, NZ, RED, STRIDE, X, kernel
-from .secondary_rays import secondary_row
+from .rows import BLUE, DEPTH, GREEN, HIT, NX, NY, NZ, RED, X, kernel
+from .secondary_rays import follow, gather_row, scatter_row
 from .shade import light_run, normals_run, points_row
+from .surface_rays import surface_row
 from .terrain import light_terrain, terrain_normals, terrain_row
 from .tree import LEAF_STEP, NOTHING, list_row, product_row, settle_row
 
@@ -56,10 +54,7 @@ def hit_row(work, m, run, y, offset, products, count, csg, camera, plan, terrain
     terrains : the terrains, or None, which compiles without them
     """
     s = work.row
-    end = np.uint64(m)
-    for j in range(ZERO, end):
-        s[DEPTH + j] = INF
-        s[HIT + j] = NOTHING
+    begin_row(s, np.uint64(m))
     drawn, ambiguous = False, False
     for k in range(count):
         q = products[k]
@@ -87,6 +82,21 @@ def hit_row(work, m, run, y, offset, products, count, csg, camera, plan, terrain
         product_row(s, j0, j1, q, within, y, plan.tolerance, csg, camera, plan.whole, work.counts)
         drawn = True
         ambiguous |= csg.ambiguity[q] > 0.0
+    finish_row(work, m, y, ambiguous, csg, camera, plan, terrains)
+
+
+@kernel
+def begin_row(s, end):
+    """Nothing is met yet by the rays of a row."""
+    for j in range(ZERO, end):
+        s[DEPTH + j] = INF
+        s[HIT + j] = NOTHING
+
+
+@kernel
+def finish_row(work, m, y, ambiguous, csg, camera, plan, terrains):
+    """Whose faces the products left open, and the hits of what is no product."""
+    s, end = work.row, np.uint64(m)
     if ambiguous:
         settle_row(work, m, y, plan.tolerance, csg, camera)
     for k in range(camera.listed.shape[0]):
@@ -96,10 +106,12 @@ def hit_row(work, m, run, y, offset, products, count, csg, camera, plan, terrain
 
 
 @kernel
-def colour_row(work, m, y, csg, materials, plan, secondary, terrains, coloured):
-    """Normals of the hits of a row, and their colours (0..1, clipped) if ``coloured``, into work.row.
+def colour_row(work, m, place, y, csg, materials, plan, secondary, surfaces, terrains, coloured):
+    """Normals of the hits of a row, and their colours, not clipped, if ``coloured``, into work.row.
 
-    secondary : a SecondaryRayWorkspace for shadows and more levels, or None, which compiles without all that
+    secondary : a SecondaryRayWorkspace for shadows and more levels, or None, which compiles without all that. With it
+    the colours will be in secondary.colours[:, place:place + m] once the batch has been followed to its end.
+    surfaces : a SurfaceRayWorkspace in place of it, for scenes with pictures and the like, or None
     """
     s = work.row
     # Nothing is worked out for the background at both ends.
@@ -131,12 +143,12 @@ def colour_row(work, m, y, csg, materials, plan, secondary, terrains, coloured):
         if terrains is not None:  # noqa: SIM102
             if csg.kind[leaf] == TERRAIN:
                 terrain_normals(s, j0, j1, leaf, terrains, csg.inverse)
-                if coloured and secondary is None:
+                if coloured and secondary is None and surfaces is None:
                     light_terrain(s, j0, j1, leaf, materials, terrains, csg.inverse)
                     lit = True
         if lit:
             continue
-        if coloured and secondary is None:
+        if coloured and secondary is None and surfaces is None:
             colours = materials.colours
             colour = (colours[leaf, face, 0], colours[leaf, face, 1], colours[leaf, face, 2])
             light_run(s, j0, j1, leaf, colour, materials)
@@ -146,7 +158,25 @@ def colour_row(work, m, y, csg, materials, plan, secondary, terrains, coloured):
     # Two conditions: the first is settled when compiling, and with None the rest is left out.
     if secondary is not None:  # noqa: SIM102
         if coloured:
-            secondary_row(s, begin, np.uint64(stop), csg, materials, work, secondary, terrains)
+            gather_row(s, m, place, csg, materials, work, secondary, terrains)
+    if surfaces is not None:  # noqa: SIM102
+        if coloured:
+            surface_row(s, m, y, csg, materials, work, surfaces, terrains, plan)
+
+
+@kernel
+def lit_row(work, m, y, csg, materials, plan, secondary, surfaces, terrains):
+    """Normals of the hits of a row, and their colours, 0..1, clipped, into work.row."""
+    colour_row(work, m, 0, y, csg, materials, plan, secondary, surfaces, terrains, True)
+    if secondary is not None:
+        follow(1, csg, materials, work, secondary, terrains)
+        scatter_row(work.row, m, 0, secondary.colours)
+    clip_row(work.row, m)
+
+
+@kernel
+def clip_row(s, m):
+    """RED, GREEN, BLUE to 0..1."""
     for k in range(ZERO, np.uint64(m)):
         s[RED + k] = min(max(s[RED + k], 0.0), 1.0)
         s[GREEN + k] = min(max(s[GREEN + k], 0.0), 1.0)
@@ -181,6 +211,22 @@ def byte(value):
 
 
 @kernel
+def write_image(s, m, row, left, target):
+    """RED, GREEN, BLUE of a row, 0..1, into the image, and into its radiance where that is wanted."""
+    for j in range(m):
+        k = np.uint64(j)
+        target.image[row, left + j, 0] = byte(s[RED + k])
+        target.image[row, left + j, 1] = byte(s[GREEN + k])
+        target.image[row, left + j, 2] = byte(s[BLUE + k])
+    if target.radiance.shape[0] > 0:
+        for j in range(m):
+            k = np.uint64(j)
+            target.radiance[row, left + j, 0] = s[RED + k]
+            target.radiance[row, left + j, 1] = s[GREEN + k]
+            target.radiance[row, left + j, 2] = s[BLUE + k]
+
+
+@kernel
 def terrains_in_tile(terrains, camera, plan, top, bottom, left, right):
     """Whether the outline of a terrain touches a tile; the last row and column are exclusive."""
     if plan.whole:
@@ -194,7 +240,33 @@ def terrains_in_tile(terrains, camera, plan, top, bottom, left, right):
 
 
 @kernel
-def render_tiles(thread, threads, csg, camera, materials, plan, target, work, secondary, terrains, object_of):
+def mean_row(work, m, run, left, products, count, csg, camera, materials, plan, tracing, terrains):
+    """The means of n x n samples in the pixels of a row, into RED, GREEN, BLUE (Plan.box).
+
+    tracing : secondary and surfaces of colour_row, which are settled when compiling
+    """
+    s, n = work.row, plan.box
+    work.colours[:, :m] = 0.0
+    for sample in range(n * n):
+        if work.counts[3] != 0:
+            return
+        y = plan.ys[run.row] + ((sample // n + 0.5) / n - 0.5) * plan.dy
+        for j in range(m):
+            s[X + np.uint64(j)] = plan.xs[left + j] + ((sample % n + 0.5) / n - 0.5) * plan.dx
+        hit_row(work, m, run, y, left, products, count, csg, camera, plan, terrains)
+        lit_row(work, m, y, csg, materials, plan, tracing[0], tracing[1], terrains)
+        for j in range(ZERO, np.uint64(m)):
+            work.colours[0, j] += s[RED + j]
+            work.colours[1, j] += s[GREEN + j]
+            work.colours[2, j] += s[BLUE + j]
+    for j in range(ZERO, np.uint64(m)):
+        s[RED + j] = work.colours[0, j] / (n * n)
+        s[GREEN + j] = work.colours[1, j] / (n * n)
+        s[BLUE + j] = work.colours[2, j] / (n * n)
+
+
+@kernel
+def render_tiles(thread, threads, csg, camera, materials, plan, target, work, secondary, surfaces, terrains, object_of):
     """Render every threads-th tile, starting with number ``thread``; the target holds background.
 
     Returns how many tiles were not empty.
@@ -216,7 +288,8 @@ def render_tiles(thread, threads, csg, camera, materials, plan, target, work, se
             if plan.whole or (plan.band[q, b, 0] < right and plan.band[q, b, 1] >= left):
                 products[count] = q
                 count += 1
-        idle = count == 0 and camera.listed.shape[0] == 0
+        # Where nothing stands the surroundings may be seen.
+        idle = count == 0 and camera.listed.shape[0] == 0 and surfaces is None
         if terrains is not None:  # noqa: SIM102
             if idle:
                 idle = not terrains_in_tile(terrains, camera, plan, top, bottom, left, right)
@@ -232,32 +305,22 @@ def render_tiles(thread, threads, csg, camera, materials, plan, target, work, se
             for j in range(m):
                 s[X + np.uint64(j)] = plan.xs[left + j]
             hit_row(work, m, run, y, left, products, count, csg, camera, plan, terrains)
-            colour_row(work, m, y, csg, materials, plan, secondary, terrains, plan.box == 0)
+            place = (row - top) * m
+            colour_row(work, m, place, y, csg, materials, plan, secondary, surfaces, terrains, plan.box == 0)
             write_truth(s, m, row, left, target, object_of)
             if plan.box > 0:
-                n = plan.box
-                work.colours[:, :m] = 0.0
-                for sample in range(n * n):
-                    if work.counts[3] != 0:
-                        return active
-                    y = plan.ys[row] + ((sample // n + 0.5) / n - 0.5) * plan.dy
-                    for j in range(m):
-                        s[X + np.uint64(j)] = plan.xs[left + j] + ((sample % n + 0.5) / n - 0.5) * plan.dx
-                    hit_row(work, m, run, y, left, products, count, csg, camera, plan, terrains)
-                    colour_row(work, m, y, csg, materials, plan, secondary, terrains, plan.box > 0)
-                    for j in range(ZERO, np.uint64(m)):
-                        work.colours[0, j] += s[RED + j]
-                        work.colours[1, j] += s[GREEN + j]
-                        work.colours[2, j] += s[BLUE + j]
-                for j in range(ZERO, np.uint64(m)):
-                    s[RED + j] = work.colours[0, j] / (n * n)
-                    s[GREEN + j] = work.colours[1, j] / (n * n)
-                    s[BLUE + j] = work.colours[2, j] / (n * n)
-            for j in range(m):
-                k = np.uint64(j)
-                target.image[row, left + j, 0] = byte(s[RED + k])
-                target.image[row, left + j, 1] = byte(s[GREEN + k])
-                target.image[row, left + j, 2] = byte(s[BLUE + k])
+                tracing = (secondary, surfaces)
+                mean_row(work, m, run, left, products, count, csg, camera, materials, plan, tracing, terrains)
+            if secondary is None or plan.box > 0:
+                clip_row(s, m)
+                write_image(s, m, row, left, target)
+        if secondary is not None:  # noqa: SIM102
+            if plan.box == 0:
+                follow(1, csg, materials, work, secondary, terrains)
+                for row in range(top, bottom):
+                    scatter_row(s, m, (row - top) * m, secondary.colours)
+                    clip_row(s, m)
+                    write_image(s, m, row, left, target)
     return active
 
 
@@ -271,46 +334,3 @@ def on_boundary(target, row, column):
             if target.primitive[r, c] != primitive or target.face[r, c] != face:
                 return True
     return False
-
-
-@njit(error_model='numpy', nogil=True)
-def smooth_rows(thread, threads, csg, camera, materials, plan, target, work, secondary, terrains, weights, offsets):
-    """Anti-alias the pixels where faces meet, in every threads-th row: 3 x 3 samples with these weights."""
-    s = work.row
-    height, width = target.depth.shape
-    most = min(MOST_BOUNDARY_PIXELS, STRIDE // 3)
-    columns = np.empty(most, np.int64)
-    nine = np.empty((3, most))
-    for row in range(thread, height, threads):
-        column = 0
-        while column < width:
-            if work.counts[3] != 0:
-                return
-            # Boundary pixels of a stretch of this row, so that the stretch says which products matter.
-            count, stop = np.int64(0), min(column + most, width)
-            while column < stop:
-                if on_boundary(target, row, column):
-                    columns[count] = column
-                    count += 1
-                column += 1
-            if count == 0:
-                continue
-            nine[:, :count] = 0.0
-            for v in range(3):
-                y = plan.ys[row] + offsets[v] * plan.dy
-                for pixel in range(count):
-                    for u in range(3):
-                        s[X + np.uint64(3 * pixel + u)] = plan.xs[columns[pixel]] + offsets[u] * plan.dx
-                run = PixelRun(row, columns[0], columns[count - 1])
-                chosen = camera.chosen
-                hit_row(work, 3 * count, run, y, -1, chosen, chosen.shape[0], csg, camera, plan, terrains)
-                colour_row(work, 3 * count, y, csg, materials, plan, secondary, terrains, plan.box == 0)
-                for pixel in range(count):
-                    for u in range(3):
-                        ray = np.uint64(3 * pixel + u)
-                        nine[0, pixel] += weights[v, u] * s[RED + ray]
-                        nine[1, pixel] += weights[v, u] * s[GREEN + ray]
-                        nine[2, pixel] += weights[v, u] * s[BLUE + ray]
-            for pixel in range(count):
-                for channel in range(3):
-                    target.image[row, columns[pixel], channel] = byte(nine[channel, pixel])

@@ -9,6 +9,26 @@ from typing import NamedTuple
 
 from msgs_py.numeric.typed import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
 
+from ..programs.surface_data import SurfaceData
+
+
+class Hierarchy(NamedTuple):
+    """Boxes within boxes, in preorder: a node's first part follows it.
+
+    Attributes
+    ----------
+    box : (6, nodes)
+        Low x y z, high x y z, metres, scene frame.
+    skip : (nodes,)
+        The node after all parts of a node.
+    child : (nodes,)
+        The child whose box a node is, -1 for boxes of several.
+    """
+
+    box: FloatArray
+    skip: IntArray
+    child: IntArray
+
 
 class CsgPrograms(NamedTuple):
     """The children of a program, flattened.
@@ -28,6 +48,8 @@ class CsgPrograms(NamedTuple):
         The child of each leaf.
     box : (6, c)
         Bounds of each child in the scene frame: low x y z, high x y z, metres.
+    hierarchy : Hierarchy
+        Over these boxes.
     kind : (n,)
         Of the leaves.
     inverse : (n, 3, 4)
@@ -47,6 +69,7 @@ class CsgPrograms(NamedTuple):
     simple: IntArray
     child_of: IntArray
     box: FloatArray
+    hierarchy: Hierarchy
     kind: IntArray
     inverse: FloatArray
     sphere: FloatArray
@@ -136,6 +159,10 @@ class CameraData(NamedTuple):
         Children to evaluate by lists.
     chosen : (p,)
         Products to evaluate, front to back.
+    least : (n,)
+        Least depth of each leaf, metres.
+    thin : (n,) bool
+        Whether a leaf may be met by samples of a pixel whose corners do not meet it; empty where nobody asks.
     """
 
     local: FloatArray
@@ -146,6 +173,8 @@ class CameraData(NamedTuple):
     near: FloatArray
     listed: IntArray
     chosen: IntArray
+    least: FloatArray
+    thin: BoolArray
 
 
 class Plan(NamedTuple):
@@ -187,8 +216,47 @@ class Plan(NamedTuple):
     box: int
 
 
+class RawRays(NamedTuple):
+    """The rays of a camera whose lens distorts.
+
+    Attributes
+    ----------
+    rays : (h + 2, w + 2, 2)
+        (x, y) of the rays (x, y, 1) through the centres of the raw pixels, and of a border of one pixel about them; NaN
+        where no light arrives.
+    fx, fy, cx, cy, width, height
+        Of the ideal camera that sees them all, whose pixels the spans of the Plan and of CameraData are.
+    """
+
+    rays: FloatArray
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+
+
+class Lens(NamedTuple):
+    """The distortion of a lens.
+
+    Attributes
+    ----------
+    equidistant : bool
+        Else rational_polynomial, of which plumb_bob is a part.
+    coefficients : (8,)
+        In the order of camera_info; zeros where there are fewer.
+    widest
+        See LensDistortion.
+    """
+
+    equidistant: bool
+    coefficients: FloatArray
+    widest: float
+
+
 class Target(NamedTuple):
-    """The arrays of a Frame, (h, w) and (h, w, 3)."""
+    """The arrays of a Frame, (h, w) and (h, w, 3); radiance is (0, 0, 3) where nobody wants it."""
 
     image: ByteArray
     depth: Float32Array
@@ -196,6 +264,7 @@ class Target(NamedTuple):
     face: Int32Array
     object: Int32Array
     normal: Float32Array
+    radiance: Float32Array
 
 
 class Workspace(NamedTuple):
@@ -224,8 +293,32 @@ class Workspace(NamedTuple):
     counts: IntArray
 
 
+class Meeting(NamedTuple):
+    """Children that the packets of a batch may meet: the first of each array, as packets.children_met says. c children.
+
+    Attributes
+    ----------
+    found : (c,)
+        From near to far.
+    order : (c,)
+        The least length along a ray at which each may be met by any.
+    place : (PACKETS, c)
+        The same for the rays of each packet, inf where none ever meets it.
+    box : (6, c)
+        Bounds as in CsgPrograms.
+    at : (nodes,)
+        Of the hierarchy's boxes.
+    """
+
+    found: IntArray
+    order: FloatArray
+    place: FloatArray
+    box: FloatArray
+    at: FloatArray
+
+
 class SecondaryRayWorkspace(NamedTuple):
-    """Memory and options of shadows, mirrors and glass.
+    """Memory and options of shadows, mirrors and glass. c children.
 
     Attributes
     ----------
@@ -233,6 +326,17 @@ class SecondaryRayWorkspace(NamedTuple):
         The parts of secondary_rays.py, one after another.
     stack : (rays, RAY_PARTS)
         Rays still to be cast.
+    waiting : (2,)
+        How many visible points are in the batch, and how many rays on the stack.
+    colours : (3, rays)
+        Sums of the light along each ray from the camera.
+    bounds, beams : (PACKETS + 1, BOUNDS)
+        Of the packets of the batch, see packets.py.
+    open : (PACKETS,)
+        How far the rays of each packet may still have something to find; negative when no ray has.
+    lanes : (STRIDE,)
+        Which rays of the batch are looked at closely.
+    meeting : Meeting
     levels, shadows
         See RenderOptions.
     departure, tolerance
@@ -241,10 +345,91 @@ class SecondaryRayWorkspace(NamedTuple):
 
     batch: FloatArray
     stack: FloatArray
+    waiting: IntArray
+    colours: FloatArray
+    bounds: FloatArray
+    beams: FloatArray
+    open: FloatArray
+    lanes: IntArray
+    meeting: Meeting
     levels: int
     shadows: bool
     departure: float
     tolerance: float
+
+
+class SurfaceRayWorkspace(NamedTuple):
+    """Memory, data and options of pictures, metals, lights with a size and surroundings.
+
+    Attributes
+    ----------
+    rays : SecondaryRayWorkspace
+        What casting rays and feelers takes; its batch has the parts of surface_rays.py, too, its stack is not used.
+    stack : (rays, SURFACE_RAY_PARTS)
+        Rays still to be cast.
+    samples
+        See RenderOptions.
+    surfaces
+        Of the scene.
+    """
+
+    rays: SecondaryRayWorkspace
+    stack: FloatArray
+    samples: int
+    surfaces: SurfaceData
+
+
+class Patch(NamedTuple):
+    """Scratch memory for what the rays through the corners of some pixels see (differences.py), row by row.
+
+    Attributes
+    ----------
+    depth : (PATCH_ROWS * PATCH_COLUMNS,)
+        Metres, inf for background.
+    codes : (PATCH_ROWS * PATCH_COLUMNS,)
+        Hits as in tree.py, -2 for background.
+    colours : (3, PATCH_ROWS * PATCH_COLUMNS)
+        0..1.
+    state : (2 * PATCH_COLUMNS,)
+        How a leaf lies to what is seen, of two rows of corners.
+    flags : (PATCH_COLUMNS,)
+        Of the pixels of a row.
+    """
+
+    depth: FloatArray
+    codes: FloatArray
+    colours: FloatArray
+    state: Int32Array
+    flags: Int32Array
+
+
+class Rays(NamedTuple):
+    """Which rays of a row of samples lie where. w columns; room for STRIDE rays.
+
+    Attributes
+    ----------
+    first : (w + 1,)
+        The first ray at or behind a column.
+    column : (rays,)
+        Of each ray.
+    pixel : (pixels,)
+        The columns of the pixels that are sampled.
+    order : (2 * rays,)
+        Which ray each hit is once they are grouped; from ``taken`` on zeros, for finding that out.
+    taken
+    start : (rays + 1,)
+        First rays of runs that see one face.
+    sums : (3, pixels)
+        Of colours.
+    """
+
+    first: IntArray
+    column: IntArray
+    pixel: IntArray
+    order: IntArray
+    taken: int
+    start: IntArray
+    sums: FloatArray
 
 
 class Ray(NamedTuple):

@@ -16,7 +16,7 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 
-from ..program import BLOCK, CONE, CYLINDER, SPHERE
+from ..programs.program import BLOCK, CONE, CYLINDER, SPHERE
 from ..settings import FAR, LONGEST_ROW, TINY
 
 INF = math.inf

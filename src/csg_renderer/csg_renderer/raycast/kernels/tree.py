@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from ..program import INTERSECT, UNION
+from ..programs.program import INTERSECT, UNION
 from ..settings import NEVER, PARALLEL, TINY
 from .records import Ray
 from .rows import (

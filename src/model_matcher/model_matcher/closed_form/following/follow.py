@@ -75,10 +75,10 @@ def follow(model: ModelIndex, frames: Iterable[PictureFrame], start: Pose | None
     Raises
     ------
     ValueError
-        The model is none of a solid, or one camera comes without start.
+        Only features are known of the model, or one camera comes without start.
     """
     if model.shape is None:
-        raise ValueError(f'{model.name}: only features are known of it, expected a solid (.csg)')
+        raise ValueError(f'{model.name}: only features are known of it, expected a solid (.csg) or a mesh')
     tracker = None if start is None else Tracker(model.shape, start)
     before = 0.0
     for frame in frames:

@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from csg_renderer.features.mesh_units import GUESS, MESH_UNITS
 from msgs_py import Pose
 from msgs_py.commands import DONE, NOTHING, add_json, run_command
 
 from ...model.index import ModelIndex
-from ...model.library import load_library
+from ...model.library import models_of
 from ..poses import pose_from_angles
 from .follow import FollowedFrame, follow
 from .picture_frames import picture_frames
@@ -40,7 +41,8 @@ def track_parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add('frames', type=Path, help='folder of pictures (pairs named left and right, or of one camera), or a rosbag2')
-    add('model', help='.csg file, or the name of a model of csg_renderer')
+    add('model', help='.csg file, mesh, or the name of a model of csg_renderer')
+    add('--mesh-units', choices=MESH_UNITS, default=GUESS, help='unit of a mesh file (default: guessed)')
     add('-o', '--out', type=Path, default=Path('followed'), metavar='DIR', help='folder for the results')
     add('--camera', type=Path, metavar='FILE', help='calibration of the pictures (default: camera.json beside them)')
     add('--rate', type=float, default=30.0, metavar='HZ', help='frames a second, where nothing says (default: 30)')
@@ -59,18 +61,7 @@ def track_parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; an error of the input goes to stderr as one line.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        ``sys.argv[1:]`` when not given.
-
-    Returns
-    -------
-    int
-        Exit status: 0 followed, 1 hardly ever, 2 bad input.
-    """
+    """Run the command. Exit status: 0 followed, 1 hardly ever, 2 bad input."""
     return run_command('track', _run, track_parser().parse_args(arguments))
 
 
@@ -93,7 +84,7 @@ def _run(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
 
 
 def _followed(options: argparse.Namespace) -> list[FollowedFrame]:
-    model = load_solid(options.model)
+    model = load_solid(options.model, options.mesh_units)
     if not (options.rate > 0.0 and options.scale > 0.0):
         raise ValueError('--rate, --scale: expected numbers above 0')
     start = None
@@ -103,12 +94,9 @@ def _followed(options: argparse.Namespace) -> list[FollowedFrame]:
     return list(tqdm(follow(model, source, start), desc=model.name, unit='', disable=options.quiet, file=sys.stdout))
 
 
-def load_solid(given: str) -> ModelIndex:
+def load_solid(given: str, mesh_units: str = GUESS) -> ModelIndex:
     """The first model of a file; raises ValueError when there is none."""
-    library = load_library([given])
-    if not library.models:
-        raise ValueError('; '.join(library.problems) or f'{given}: holds no model')
-    return library.models[0]
+    return models_of(given, mesh_units)[0]
 
 
 def summary(frames: Sequence[FollowedFrame]) -> str:

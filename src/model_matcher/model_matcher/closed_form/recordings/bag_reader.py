@@ -9,7 +9,7 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from msgs_py import StereoRig
-from msgs_py.node_runtime.stamp_sync import StampSync
+from msgs_py.node_runtime.stamp_sync import StampSync, stamp_ns
 from msgs_py.numeric.typed import ByteArray
 from stereo_recovery.cameras.rectification import Rectifier
 
@@ -165,9 +165,7 @@ class StereoBag:
             if message.topic in infos:
                 infos[message.topic] = message, decoded
                 continue
-            stamp = decoded.header.stamp
-            seconds = stamp.sec * 10**9 + stamp.nanosec
-            together = sync.add(message.topic, seconds, (message, decoded))
+            together = sync.add(message.topic, stamp_ns(decoded.header), (message, decoded))
             if together is None:
                 continue
             try:
@@ -205,7 +203,7 @@ class StereoBag:
         return RecordedPair(
             (left, right),
             rig,
-            header.stamp.sec * 10**9 + header.stamp.nanosec,
+            stamp_ns(header),
             header.frame_id,
             max(message.log_ns for message, _ in images),
             tuple(message for message, _ in (*images, *infos)),

@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from msgs_py.node_runtime.stamp_sync import stamp_ns
+
 LIBRARY = 'model_matcher'
 
 
@@ -65,8 +67,7 @@ class McapFile:
         """
         kind = f'{type(message).__module__.split(".")[0]}/msg/{type(message).__name__}'
         data = self._store.serialize_cdr(self._converted(message, kind), kind)
-        stamp = message.header.stamp
-        self.write_bytes(topic, kind, bytes(data), log_ns, stamp.sec * 10**9 + stamp.nanosec)
+        self.write_bytes(topic, kind, bytes(data), log_ns, stamp_ns(message.header))
 
     def write_bytes(self, topic: str, kind: str, data: bytes, log_ns: int, stamp_ns: int) -> None:
         """Write a message that is CDR already; stamp_ns : of its header, or when it was published, nanoseconds."""

@@ -44,18 +44,7 @@ def replay_parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; an error of the input goes to stderr as one line.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        ``sys.argv[1:]`` when not given.
-
-    Returns
-    -------
-    int
-        Exit status: 0 something was found, 1 nothing, 2 bad input.
-    """
+    """Run the command. Exit status: 0 something was found, 1 nothing, 2 bad input."""
     return run_command('replay', _run, replay_parser().parse_args(arguments))
 
 

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from msgs_py import FeatureSet, Interpretation
+from msgs_py.node_runtime.stamp_sync import stamp_ns
 
 from .bag_reader import COMPRESSED, IMAGES
 
@@ -94,8 +95,7 @@ def _take(found: dict[int, RecordedResult], topic: str, message: Any) -> None:
     # The codecs need message classes, which most who import this do without.
     from msgs_py.codecs import CodecError, cloud_to_features, interpretations_from_report
 
-    stamp = message.header.stamp
-    result = found.setdefault(stamp.sec * 10**9 + stamp.nanosec, RecordedResult(FeatureSet.empty(), []))
+    result = found.setdefault(stamp_ns(message.header), RecordedResult(FeatureSet.empty(), []))
     try:
         if _kind(topic) == FEATURES:
             result.features = cloud_to_features(message)

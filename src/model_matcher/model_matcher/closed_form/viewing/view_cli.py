@@ -24,7 +24,7 @@ from msgs_py.commands import DONE, NOTHING, add_json, run_command
 
 from ...match_cli import PAIR_FILES
 from ...model.index import ModelIndex
-from ...model.library import load_library
+from ...model.library import models_of
 from ...viewing.moments import Moment
 from ...viewing.page import check_page_name, page_of, plotly_script, write_page
 from ...viewing.server import PageServer
@@ -66,18 +66,7 @@ def view_parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; an error of the input goes to stderr as one line.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        ``sys.argv[1:]`` when not given.
-
-    Returns
-    -------
-    int
-        Exit status: 0 something was found, or the view was live; 1 nothing, 2 bad input.
-    """
+    """Run the command. Exit status: 0 something was found, or the view was live; 1 nothing, 2 bad input."""
     return run_command('view', _run, view_parser().parse_args(arguments))
 
 
@@ -96,19 +85,17 @@ def _run(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
         check_page_name(options.out)
     if options.every < 1 or not options.rate > 0.0:
         raise ValueError('--every, --rate: expected numbers above 0')
-    library = load_library([options.model], options.mesh_units)
-    if not library.models:
-        raise ValueError('; '.join(library.problems) or f'{options.model}: holds no model')
+    models = models_of(options.model, options.mesh_units)
     # What cannot be drawn or served is said before the seconds that recovery takes.
     plotly_script()
     title = f'{options.model} in {options.files[0]}'
     with contextlib.ExitStack() as stack:
         server = None if options.out is not None else stack.enter_context(PageServer('', options.port))
-        moments = _moments(library.models, options)
+        moments = _moments(models, options)
         found = sum(bool(one.placed) for one in moments)
         print(f'{found} of {len(moments)} moments with something found')
         record: dict[str, Any] = {'moments': len(moments), 'found': found}
-        features = {model.name: model.features for model in library.models}
+        features = {model.name: model.features for model in models}
         if server is None:
             write_page(options.out, title, features, moments)
             print(f'wrote {options.out}')

@@ -10,8 +10,8 @@ import numpy as np
 from msgs_py import PinholeCamera
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
+from ..settings import RECTANGLE_MARGIN
 from .program import DIFFERENCE, INTERSECT, View
-from .settings import RECTANGLE_MARGIN
 
 
 class Tile(NamedTuple):
@@ -94,7 +94,7 @@ def prune(code: IntArray, present: BoolArray) -> IntArray:
 
     Examples
     --------
-    >>> from csg_renderer.raycast.program import DIFFERENCE, UNION
+    >>> from csg_renderer.raycast.programs.program import DIFFERENCE, UNION
     >>> code = np.array([0, 1, DIFFERENCE, 2, UNION])
     >>> prune(code, np.array([True, False, False])).tolist()
     [0]

@@ -30,7 +30,7 @@ def left_heavy(code: IntArray) -> IntArray:
 
     Examples
     --------
-    >>> from csg_renderer.raycast.program import UNION
+    >>> from csg_renderer.raycast.programs.program import UNION
     >>> left_heavy(np.array([0, 1, 2, 3, UNION, DIFFERENCE, UNION])).tolist()
     [2, 3, -1, 1, -4, 0, -1]
     """

@@ -13,10 +13,11 @@ import numpy as np
 from msgs_py import Pose
 from msgs_py.numeric.typed import FloatArray
 
-from ..scene.scene import Scene
-from ..scene.solid import Operation, Primitive, Solid
-from ..scene.terrain import Terrain
-from .settings import COINCIDENT, DEPARTURE
+from ...scene.scene import Scene
+from ...scene.solid import Operation, Primitive, Solid
+from ...scene.terrain import Terrain
+from ..settings import COINCIDENT, DEPARTURE
+from .surface_data import SurfaceData, surface_data
 
 # Codes of a postfix program; a number >= 0 is a leaf index.
 UNION, INTERSECT, DIFFERENCE = -1, -2, -3
@@ -103,6 +104,8 @@ class Program:
     lights, light_colours : (l, 3) float64
         Positions in metres, scene frame, and colours.
     ambient_light, background : (3,) float64
+    surfaces : SurfaceData or None
+        Pictures, metals, sizes of lights and surroundings.
     """
 
     leaves: tuple[Primitive, ...]
@@ -120,6 +123,7 @@ class Program:
     light_colours: np.ndarray
     ambient_light: np.ndarray
     background: np.ndarray
+    surfaces: SurfaceData | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,4 +309,5 @@ def _compile(scene: Scene) -> Program:
         np.array([light.colour for light in scene.lights]).reshape(-1, 3),
         np.array(scene.ambient_light),
         np.array(scene.background),
+        surface_data(scene, leaves),
     )

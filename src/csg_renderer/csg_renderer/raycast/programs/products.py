@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..settings import MOST_FACTORS, MOST_PRODUCTS
 from .program import DIFFERENCE, INTERSECT
-from .settings import MOST_FACTORS, MOST_PRODUCTS
 
 Product = tuple[frozenset[int], frozenset[int]]
 

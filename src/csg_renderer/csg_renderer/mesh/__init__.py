@@ -1,0 +1,1 @@
+"""Triangle meshes: their files, and the hierarchy of boxes that rays go down."""

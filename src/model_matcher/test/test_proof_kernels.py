@@ -1,0 +1,408 @@
+"""The bounds of the proof beside their formulas in docs/proof.md, and beside poses drawn at random."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from model_matcher.geometry.pair_bounds import ANGLE, MIDS, RELATION, model_relations
+from model_matcher.proof.arc_consistency import _extent as pair_extent
+from model_matcher.proof.arc_consistency import _some_pair_may_fit
+from model_matcher.proof.feasibility import (
+    ALONG,
+    BLOCKS,
+    FIRST_END,
+    INFEASIBLE,
+    SECOND_END,
+    TILT,
+    Sample,
+    _bound,
+    _extent,
+    _fits_here,
+    _follow,
+    _growth,
+    _linearise,
+    _linearise_all,
+    _mean_bound,
+    _misses_everywhere,
+    _normal_of,
+    _Residuals,
+    _room_for,
+    _squared_norms,
+    _turn_between,
+    _widest,
+    add_steadiest,
+    can_join,
+    common_pose,
+    first_variances,
+    infeasible_subset,
+    least_squares_pose,
+    narrow,
+    refute,
+)
+from model_matcher.proof.settings import ANGLES
+from model_matcher.proof.spares import Groups
+from msgs_py import FeatureKind
+
+STILL = np.r_[np.eye(3).ravel(), np.zeros(3)]
+ACROSS, BESIDE, CONE = 4e-3, 9e-3, 0.12
+
+
+def feature(middle, direction, half):
+    direction = np.asarray(direction, float)
+    return np.r_[middle, direction / np.linalg.norm(direction), half, np.nan, np.nan]
+
+
+def sample_of(data, model, curve=False):
+    n = len(data)
+    kinds = np.full(n, FeatureKind.CURVE if curve else FeatureKind.EDGE, np.uint8)
+    return Sample(np.array(data), kinds, np.tile([ACROSS, BESIDE, CONE], (n, 1)), np.array(model))
+
+
+def corner(seed=0, shift=0.0):
+    """Three edges about a corner, and the model they are of; the data are shifted along x."""
+    rng = np.random.default_rng(seed)
+    lines = [feature(p, d, 0.05 + 0.05 * rng.random()) for p, d in zip(rng.normal(size=(3, 3)) * 0.1, np.eye(3) + 0.2)]
+    data = np.array(lines)
+    data[:, 0] += shift
+    data[:, 6] *= 0.9
+    return sample_of(data, lines)
+
+
+def residuals_at(sample, k, motion, turn=0.0, centre=(0.0, 0.0, 0.0)):
+    out = _room_for(BLOCKS)
+    shift = _linearise(motion, turn, np.array(centre), k, k, sample, out, 0)
+    return out, shift
+
+
+def exact(sample, k, motion):
+    """Length of each block's residual under a pose, in metres and sines."""
+    d, m = sample.data[k], sample.model[k]
+    rotation = motion[:9].reshape(3, 3)
+    line, middle = rotation @ m[3:6], rotation @ m[:3] + motion[9:]
+    across = np.eye(3) - np.outer(line, line)
+    curve = sample.kinds[k] == FeatureKind.CURVE
+    ends = [d[:3] + way * (0.0 if curve else d[6]) * d[3:6] for way in (1.0, -1.0)]
+    return np.array(
+        [
+            np.linalg.norm(across @ (ends[0] - middle)),
+            0.0 if curve else np.linalg.norm(across @ (ends[1] - middle)),
+            abs(line @ (d[:3] - middle)),
+            np.linalg.norm(across @ d[3:6]),
+        ]
+    )
+
+
+def some_motion(seed, turn=0.05, shift=0.01):
+    rng = np.random.default_rng(seed)
+    axis = rng.normal(size=3)
+    rotation = Rotation.from_rotvec(turn * axis / np.linalg.norm(axis)).as_matrix()
+    return np.r_[rotation.ravel(), shift * rng.normal(size=3)]
+
+
+class TestLinearised:
+    @pytest.mark.parametrize('curve', [False, True])
+    @pytest.mark.parametrize('seed', range(4))
+    def test_at_its_pose_it_is_exact(self, seed, curve):
+        one = corner(seed)
+        sample = sample_of(one.data, one.model, curve)
+        motion = some_motion(seed)
+        for k in range(3):
+            found, shift = residuals_at(sample, k, motion, centre=(0.3, 0.1, -0.2))
+            d, m = sample.data[k], sample.model[k]
+            rotation = motion[:9].reshape(3, 3)
+            c = abs(rotation @ m[3:6] @ d[3:6])
+            room = m[6] + BESIDE - c * d[6]
+            tolerances = np.array([ACROSS, ACROSS, room, np.sin(CONE)])
+            lengths = np.linalg.norm(found.values, axis=1)
+            np.testing.assert_allclose(lengths, exact(sample, k, motion) / tolerances, rtol=1e-5, atol=1e-8)
+            arm = np.linalg.norm(d[:3] - [0.3, 0.1, -0.2])
+            ends = [np.linalg.norm(d[:3] + way * d[6] * d[3:6] - [0.3, 0.1, -0.2]) for way in (1, -1)]
+            levers = np.array([arm if curve else ends[0], 0.0 if curve else ends[1], arm, 1.0]) / tolerances
+            np.testing.assert_allclose(found.levers, levers, rtol=1e-5)
+            assert found.own == pytest.approx([1.0, 0.0 if curve else 1.0, 1.0, 1.0], rel=1e-5)
+            away = np.linalg.norm(d[:3] - rotation @ m[:3] - motion[9:])
+            assert shift == pytest.approx(away + room + ACROSS, rel=1e-6)
+
+    def test_a_region_widens_the_room_along_and_the_shift(self):
+        sample = corner()
+        narrow_one, shift = residuals_at(sample, 0, STILL)
+        wide, far = residuals_at(sample, 0, STILL, turn=0.1)
+        d, m = sample.data[0], sample.model[0]
+        assert wide.own[ALONG] == pytest.approx((m[6] + BESIDE - np.cos(0.1) * d[6]) / (m[6] + BESIDE - d[6]), rel=1e-5)
+        assert far - shift == pytest.approx(0.1 * np.linalg.norm(d[:3]) + (1 - np.cos(0.1)) * d[6], rel=1e-5)
+        for block in (FIRST_END, SECOND_END, TILT):
+            np.testing.assert_array_equal(wide.values[block], narrow_one.values[block])
+        # No feasible pose tilts beyond the cone, so the room is not wider than that leaves.
+        widest, _ = residuals_at(sample, 0, STILL, turn=3.0)
+        assert widest.own[ALONG] == pytest.approx(
+            (m[6] + BESIDE - np.cos(CONE) * d[6]) / (m[6] + BESIDE - d[6]), rel=1e-5
+        )
+
+    @pytest.mark.parametrize('curve', [False, True])
+    def test_its_derivatives_are_those_of_a_step(self, curve):
+        one = corner(3)
+        sample = sample_of(one.data, one.model, curve)
+        motion, centre = some_motion(5), np.array([0.1, -0.2, 0.3])
+        rng = np.random.default_rng(1)
+        for k in range(3):
+            found, _ = residuals_at(sample, k, motion, centre=centre)
+            d, m = sample.data[k], sample.model[k]
+            c = abs(motion[:9].reshape(3, 3) @ m[3:6] @ d[3:6])
+            tolerances = np.array([ACROSS, ACROSS, m[6] + BESIDE - c * d[6], np.sin(CONE)])
+            for size in (1e-4, 1e-2):
+                step = rng.normal(size=6) * size
+                moved = motion.copy()
+                _follow(moved, centre, step)
+                linear = np.linalg.norm(found.values - found.jacobian @ step, axis=1)
+                widened = tolerances * np.where(found.own > 0.0, found.own, 1.0)
+                off = np.abs(linear - exact(sample, k, moved) / widened)
+                assert (off <= 0.5 * found.levers * (step[:3] ** 2).sum() + 1e-9).all(), 'lemma 5'
+
+    def test_all_at_once_have_their_blocks_in_order_and_the_least_shift(self):
+        sample, together = corner(), _room_for(3 * BLOCKS)
+        number = np.arange(3)
+        shift = _linearise_all(STILL, 0.2, np.zeros(3), number, number, sample, together)
+        alone = [residuals_at(sample, k, STILL, 0.2) for k in range(3)]
+        assert shift == min(one for _, one in alone)
+        np.testing.assert_array_equal(together.values, np.concatenate([one.values for one, _ in alone]))
+        np.testing.assert_array_equal(together.levers, np.concatenate([one.levers for one, _ in alone]))
+
+    def test_what_fits_is_within_its_own_tolerance(self):
+        values, none = np.array([[0.6, 0.8], [0.0, 0.0]]), np.zeros((2, 2, 6))
+        for own, fits in (((1.0, 1.0), True), ((1.0 + 1e-6, 1.0), False), ((0.9, 50.0), True)):
+            assert _fits_here(_Residuals(none, values, none, np.zeros(2), np.array(own))) is fits
+
+    def test_squared_norms_and_the_normal_matrix(self):
+        rng = np.random.default_rng(0)
+        rows, bends = rng.normal(size=(2, 5, 2, 6))
+        some = _Residuals(rows, rng.normal(size=(5, 2)), bends, np.zeros(5), np.ones(5))
+        step, out, weights, normal = rng.normal(size=6), np.empty(5), rng.random(5), np.empty((6, 6))
+        worst = _squared_norms(some, step, out)
+        np.testing.assert_allclose(out, ((some.values - some.jacobian @ step) ** 2).sum(axis=1))
+        assert worst == out.max()
+        _normal_of(some, weights, normal)
+        np.testing.assert_allclose(normal, np.einsum('b,bkp,bkq->pq', weights, some.jacobian, some.jacobian))
+
+
+class TestBounds:
+    def test_growth_is_wolkowicz_and_styans_bound_of_the_largest_eigenvalue(self):
+        rng = np.random.default_rng(4)
+        root = rng.normal(size=(6, 6))
+        normal = root @ root.T
+        inverse = np.linalg.inv(normal)
+        square, rest = _growth(normal, inverse, 0.3, 2.0)
+        spread = inverse[:3, :3]
+        mean = np.trace(spread) / 3
+        assert square == pytest.approx(mean + np.sqrt(2 / 3) * np.linalg.norm(spread - mean * np.eye(3)))
+        assert square >= np.linalg.eigvalsh(spread).max() and rest < 1e-9
+        # Of an inverse that is off, the rest says by how much.
+        off = inverse.copy()
+        off[:3] += 0.01 * rng.normal(size=(3, 6))
+        left = np.eye(3, 6) - off[:3] @ normal
+        _, rest = _growth(normal, off, 0.3, 2.0)
+        assert rest == pytest.approx(np.abs(left[:, :3]).sum() * 0.3 + np.abs(left[:, 3:]).sum() * 2.0)
+
+    @pytest.mark.parametrize('seed', range(5))
+    def test_every_feasible_step_is_in_the_ellipsoid(self, seed):
+        """Lemmas 6 and 7, with poses drawn about the one that fits."""
+        sample, number, centre = corner(seed), np.arange(3), np.zeros(3)
+        turn = 0.3
+        residuals = _room_for(3 * BLOCKS)
+        start = some_motion(seed, turn=0.02, shift=1e-3)
+        shift = _linearise_all(start, turn, centre, number, number, sample, residuals)
+        weights = np.random.default_rng(seed).random(3 * BLOCKS)
+        bound = _bound(residuals, weights, turn, shift)
+        np.testing.assert_allclose(bound.normal @ bound.inverse, np.eye(6), atol=1e-3)
+        row = np.random.default_rng(seed + 1).normal(size=6)
+        extent = _extent(bound, row)
+        assert extent >= np.sqrt(row @ np.linalg.inv(bound.normal) @ row * bound.room) * (1 - 1e-6)
+        rng, inside = np.random.default_rng(seed), 0
+        for _ in range(400):
+            step = np.r_[rng.normal(size=3) * 0.02, rng.normal(size=3) * 2e-3]
+            moved = start.copy()
+            _follow(moved, centre, step)
+            if any(not _fits_here(residuals_at(sample, k, moved)[0]) for k in range(3)):
+                continue
+            inside += 1
+            off = step - bound.lowest
+            assert off @ bound.normal @ off <= bound.room
+            assert np.linalg.norm(step[:3]) <= bound.reach and np.linalg.norm(off[:3]) <= bound.radius
+            assert np.abs(off[:3]).max() <= bound.turn and np.abs(off[3:]).max() <= bound.shift
+            assert abs(row @ off) <= extent
+        assert inside > 5
+
+    def test_the_mean_bound_weighs_what_a_curve_has_and_nothing_else(self):
+        one, number = corner(), np.arange(3)
+        sample = sample_of(one.data, one.model, curve=True)
+        residuals = _room_for(3 * BLOCKS)
+        shift = _linearise_all(STILL, 0.1, np.zeros(3), number, number, sample, residuals)
+        mean = _mean_bound(residuals, 0.1, shift)
+        bound = _bound(residuals, np.tile([1.0, 0.0, 1.0, 1.0], 3), 0.1, shift)
+        for found, expected in zip(mean, bound):
+            np.testing.assert_array_equal(found, expected)
+
+    def test_a_shift_that_no_tolerance_allows_leaves_no_step(self):
+        """Two collinear edges, one of which would have to be pulled along by more than its room."""
+        line = [feature([-0.2, 0, 1], [1, 0, 0], 0.1), feature([0.2, 0, 1], [1, 0, 0], 0.1)]
+        for gap, none in ((1.9 * BESIDE, False), (2.1 * BESIDE, True)):
+            data = np.array(line)
+            data[1, 0] += gap
+            number, weights = np.arange(2), np.empty(2)
+            state = refute(STILL.copy(), 1e-3, number, number, sample_of(data, line), weights)
+            assert (state == INFEASIBLE) is none
+            if none:
+                assert weights == pytest.approx([0.5, 0.5], abs=0.05), 'both pull'
+                assert narrow(STILL.copy(), 1e-3, number, number, sample_of(data, line)) >= -1.0
+
+    def test_a_block_misses_everywhere_when_it_does_at_the_nearest_step(self):
+        sample, number = corner(), np.arange(3)
+        residuals = _room_for(3 * BLOCKS)
+        shift = _linearise_all(STILL, 0.01, np.zeros(3), number, number, sample, residuals)
+        bound = _mean_bound(residuals, 0.01, shift)
+        for off, misses in ((0.0, False), (1e-3, False), (0.2, True)):
+            data = sample.data.copy()
+            data[0, 1] += off
+            one, _ = residuals_at(Sample(data, *sample[1:]), 0, STILL, 0.01)
+            assert _misses_everywhere(one, bound, 0.01) is misses
+
+    def test_the_widest_tolerance_is_that_of_the_longest_lever(self):
+        sample, number = corner(), np.arange(3)
+        centre = sample.data[:, :3].mean(axis=0)
+        levers = [np.linalg.norm(d[:3] + d[6] * d[3:6] - centre) / ACROSS for d in sample.data]
+        assert _widest(STILL, 0.2, number, number, sample) == pytest.approx(1 + 0.5 * max(levers) * 0.04, rel=1e-5)
+
+
+class TestPoses:
+    @pytest.mark.parametrize('angle', [0.0, 1e-9, 0.3, 1.7, 3.1])
+    def test_the_turn_between_two_poses(self, angle):
+        first = some_motion(2, turn=0.9)
+        axis = np.array([2.0, -1.0, 2.0]) / 3.0
+        second = Rotation.from_rotvec(angle * axis).as_matrix() @ first[:9].reshape(3, 3)
+        found = _turn_between(first, np.r_[second.ravel(), np.zeros(3)])
+        np.testing.assert_allclose(found, angle * axis, atol=1e-9)
+
+    def test_a_step_shifts_and_then_turns_about_the_centre(self):
+        motion, centre = some_motion(1), np.array([0.3, 0.2, 0.1])
+        moved = motion.copy()
+        _follow(moved, centre, np.array([0.1, -0.2, 0.3, 0.01, 0.02, 0.03]))
+        turn = Rotation.from_rotvec([0.1, -0.2, 0.3]).as_matrix()
+        np.testing.assert_allclose(moved[:9].reshape(3, 3), turn @ motion[:9].reshape(3, 3), atol=1e-12)
+        expected = turn @ (motion[9:] + [0.01, 0.02, 0.03] - centre) + centre
+        np.testing.assert_allclose(moved[9:], expected, atol=1e-12)
+
+    def test_a_common_pose_is_looked_for_to_the_last_linearisation(self):
+        sample, number = corner(1), np.arange(3)
+        far = some_motion(4, turn=0.25, shift=0.02)
+        assert common_pose(far, number, number, sample)
+        for k in range(3):
+            assert _fits_here(residuals_at(sample, k, far)[0])
+        apart = corner(1, shift=0.0)
+        apart.data[0, :3] += 0.3
+        assert not common_pose(some_motion(4), number, number, apart)
+
+    def test_a_least_squares_pose_finds_the_motion_and_which_way_features_run(self):
+        model = corner(2).model
+        motion = some_motion(3, turn=0.4, shift=0.1)
+        rotation, data = motion[:9].reshape(3, 3), model.copy()
+        data[:, :3] = model[:, :3] @ rotation.T + motion[9:]
+        data[:, 3:6] = model[:, 3:6] @ rotation.T * np.array([[1.0], [-1.0], [1.0]])
+        found, sign = some_motion(3, turn=0.35, shift=0.1), np.full(3, 5, np.int8)
+        least_squares_pose(found, np.arange(3, dtype=np.int32), sign, sample_of(data, model))
+        np.testing.assert_allclose(found, motion, atol=1e-6)
+        assert sign.tolist() == [1, -1, 1]
+        least_squares_pose(found, np.array([0, -1, 2], np.int32), sign, sample_of(data, model))
+        assert sign.tolist() == [1, 0, 1]
+
+    def test_an_infeasible_subset_leaves_out_what_does_not_matter(self):
+        line = [feature([-0.2, 0, 1], [1, 0, 0], 0.1), feature([0.2, 0, 1], [1, 0, 0], 0.1)]
+        line += [feature([0, 0.1 * k, 1], [0, 0, 1], 0.05) for k in (-2, -1, 1, 2)]
+        data = np.array(line)
+        data[1, 0] += 4 * BESIDE
+        data[2:, 0] += 2 * BESIDE
+        number, weights = np.arange(6), np.array([0.4, 0.4, 0.05, 0.05, 0.05, 0.05])
+        sample = sample_of(data, line)
+        assert refute(STILL.copy(), 1e-3, number, number, sample, np.empty(6)) == INFEASIBLE
+        assert sorted(infeasible_subset(STILL, 1e-3, number, number, weights, sample)) == [0, 1]
+
+
+class TestJoining:
+    """What may join two edges that fix a pose, within a small region."""
+
+    def setup_method(self):
+        model = [feature([0, 0, 1], [1, 0, 0], 0.2), feature([0, 0.3, 1], [0, 1, 0], 0.2)]
+        model += [feature([0.3, 0, 1.2], [0, 0, 1], 0.2), feature([-0.3, 0.2, 1.2], [0, 1, 1], 0.2)]
+        data = np.array(model)
+        data[:, 6] *= 0.9
+        self.sample = sample_of(data, model)
+        self.few = np.array([0, 1])
+
+    def joins(self, others_a, others_i, least=0, groups=None):
+        none = Groups(np.full(4, -1), np.zeros(0, np.int64))
+        a, i = np.array(others_a), np.array(others_i)
+        return can_join(STILL, 0.01, self.few, self.few, a, i, least, groups or none, self.sample).tolist()
+
+    def test_each_pairing_is_judged_by_itself(self):
+        assert self.joins([2, 2, 3, 3], [2, 3, 2, 3]) == [True, False, False, True]
+
+    def test_when_too_few_features_are_left_none_is(self):
+        assert self.joins([2, 3], [2, 3], least=2) == [True, True]
+        assert self.joins([2, 3], [2, 2], least=1) == [True, False]
+        assert self.joins([2, 3], [2, 2], least=2) == [False, False]
+        assert self.joins([2, 3], [2, 3], least=3) == [False, False]
+
+    def test_a_whole_group_that_was_refuted_leaves_one_out(self):
+        pair = Groups(np.array([-1, -1, 0, 0]), np.array([2]))
+        assert self.joins([2, 3], [2, 3], 1, pair) == [True, True]
+        assert self.joins([2, 3], [2, 3], 2, pair) == [False, False]
+        assert self.joins([2, 3], [2, 2], 1, pair) == [True, False], 'the one that is out is that one'
+
+    def test_what_misses_only_here_is_tried_with_the_set(self):
+        for off, joins in ((1.5, True), (4.0, False)):
+            self.sample.data[2, 0] = 0.3 + off * ACROSS
+            assert self.joins([2], [2]) == [joins]
+
+    def test_a_set_without_a_pose_is_joined_by_none(self):
+        self.sample.data[1, 2] += 0.5
+        assert self.joins([2, 3], [2, 3]) == [False, False]
+
+
+def test_the_first_variance_of_a_turn_is_a_square_radian():
+    sample = corner()
+    (variance,) = first_variances(np.array([1]), 0.5, sample)
+    line = sample.data[1, 3:6]
+    assert line @ variance[:3, :3] @ line == pytest.approx(1.0)
+    assert add_steadiest(variance, 1, np.array([2, 0]), np.array([10**6, 1]), sample) == 1
+
+
+class TestAngles:
+    """Which data pairs have a model pair at their angle and near enough; the table has bins of half a degree."""
+
+    def table(self):
+        model = np.array([feature([0, 0, 0], d, 0.1) for d in ([1, 0, 0], [1, 1, 0])])
+        model[1, :3] = 0.3, 0.0, 0.0
+        return pair_extent(model[:, 6].copy(), model_relations(model))
+
+    def test_the_extent_of_a_model_and_how_many_pairs_are_below_each_angle(self):
+        span, below = self.table()
+        assert span == pytest.approx(0.3 + 0.1 + 0.1)
+        half = below[ANGLES // 2 - 1]
+        assert below[0] == 0 and below[1] == half == 2, 'each feature with itself'
+        assert below[ANGLES // 2 + 2] == below[-1] == 4 and len(below) == ANGLES + 1
+
+    @pytest.mark.parametrize(
+        ('angle', 'cone', 'fits'),
+        [(45, 0, True), (44, 0.2, False), (44, 1.2, True), (46, 1.2, True), (46.2, 0.2, False), (0, 0.1, True)]
+        + [(20, 5, False), (89, 3, False), (80, 60, True), (60, 44, True), (60, 14, False)],
+    )
+    def test_some_model_pair_is_at_the_angle_or_none(self, angle, cone, fits):
+        span, below = self.table()
+        rel = np.zeros(RELATION)
+        rel[ANGLE], rel[MIDS] = np.radians(angle), 0.4
+        assert bool(_some_pair_may_fit(rel, np.radians(cone), 0.0, span, below)) is fits
+
+    def test_what_is_too_far_apart_fits_none(self):
+        span, below = self.table()
+        rel = np.zeros(RELATION)
+        for far, fits in ((0.0, True), (5e-10, True), (1e-6, False)):
+            rel[MIDS] = span + 0.05 + far
+            assert bool(_some_pair_may_fit(rel, 0.1, 0.05, span, below)) is fits
