@@ -265,7 +265,7 @@ def test_what_recognise_records_can_be_replayed(graph, tmp_path, pictures):
         assert process.wait(30.0) == 0
     finally:
         process.kill()
-        process.communicate()
+        said = process.communicate()[1]
     with out.open('rb') as file:
         reader = mcap.reader.make_reader(file, validate_crcs=True)
         counts: dict[str, int] = {}
@@ -279,7 +279,7 @@ def test_what_recognise_records_can_be_replayed(graph, tmp_path, pictures):
         assert reader.get_summary().statistics.message_count == total
     recorded_topics = {f'/{side}/{name}' for side in ('left', 'right') for name in ('image_rect', 'camera_info')}
     for topic in (*recorded_topics, '/features', '/interpretations', '/interpretations/l_shape'):
-        assert counts[topic] == 3, topic
+        assert counts.get(topic) == 3, f'{topic}: {counts}\n{said}'
     assert replay([str(out), 'l_shape', '-q', '-o', str(tmp_path / 'again.mcap')]) == 0
     with AnyReader([tmp_path / 'again.mcap']) as again:
         poses = again.messages([c for c in again.connections if c.topic == '/interpretations/l_shape'])

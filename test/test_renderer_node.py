@@ -197,7 +197,7 @@ def test_a_rendering_that_takes_for_ever_holds_nothing_up(graph, tmp_path, engin
 
     def asked(service, within):
         answer, start = service.call_async(Trigger.Request()), time.monotonic()
-        graph.spin_until(answer.done)
+        graph.spin_until(answer.done, 60.0)
         assert time.monotonic() - start < within
         return answer.result()
 
