@@ -103,7 +103,7 @@ def figures_of(found: list[tuple[list[float], list[float]]], asked: int) -> dict
 class Seen:
     """An instance in a real pair: its part, pose and rig, what the pair shows of its faults, and the error found.
 
-    edges, rows : pixels; rows is None where the pair does not tell
+    edges, rows : pixels; rows is None where the pair does not tell; walk : grey levels for a root of a pixel
     """
 
     pair: str
@@ -113,6 +113,7 @@ class Seen:
     sensor: Sensor
     edges: float
     rows: float | None
+    walk: float
     error: list[float] | None
 
 
@@ -152,6 +153,7 @@ def _seen(folder: Path, family: str) -> Iterator[Seen]:
                 Sensor(float(views.noise.mean()), psf),
                 float(np.sqrt(np.mean(np.square(error)))),
                 rows,
+                float(views.walk[:, 0].mean()),
                 None if near is None else [near.position, near.rotation],
             )
 
@@ -165,6 +167,7 @@ def _expected(one: Seen, family: list[Seen]) -> list[float]:
         sensor=one.sensor,
         outline_px=float(np.median([other.edges for other in others])),
         calibration_px=float(np.sqrt(np.mean(np.square(rows)))) if rows else 0.0,
+        walk=one.walk,
     )
     prediction = predict(one.part, one.pose, rig)
     return [float(prediction.position[0]), float(prediction.rotation[0])]

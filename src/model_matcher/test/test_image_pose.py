@@ -2,6 +2,7 @@
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -15,8 +16,8 @@ from model_matcher.image_pose.alignment import Placed
 from model_matcher.image_pose.measurement import drawn_in, measure_pose, presence
 from model_matcher.image_pose.model_error import FIRST_ERROR, fitted_model_error
 from model_matcher.image_pose.presence import Chance, bent, log_ratio
-from model_matcher.image_pose.profiles import Stretches, find_steps, fit_steps
-from model_matcher.image_pose.settings import BESIDE, CANDIDATES, FLANK, SHADING
+from model_matcher.image_pose.profiles import Quality, Stretches, find_steps, fit_steps
+from model_matcher.image_pose.settings import BESIDE, CANDIDATES, FIRST_WALK, FLANK, WALKS
 from model_matcher.image_pose.sight import look, same_curves
 from model_matcher.image_pose.views import Views
 from msgs_py import PinholeCamera, Pose, StereoRig
@@ -76,7 +77,7 @@ def fitted_step(place, angle, blur):
     outline = stretches(angle)
     out = np.empty((len(outline.spacing), 4))
     image = step_image([place], [60, 180], angle, blur)
-    fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), 1.0, blur, 0.3, out)
+    fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), Quality(1.0, blur, 0.3, FIRST_WALK, 0.0), out)
     return out
 
 
@@ -87,7 +88,7 @@ def test_steps_beside_one_another_are_told_apart():
     image = step_image([0.2, 2.0], [160, 60, 150], angle)
     beside = np.full((len(out), BESIDE), np.nan)
     beside[:, 0] = 1.7
-    fit_steps(image, outline, beside, 1.0, 0.6, 0.3, out)
+    fit_steps(image, outline, beside, Quality(1.0, 0.6, 0.3, FIRST_WALK, 0.0), out)
     assert np.abs(out[:, 0] - 0.2).max() < 0.06
 
 
@@ -97,12 +98,31 @@ def test_the_stated_variance_is_that_of_noise_and_shade():
     places, stated = [], []
     for seed in range(60):
         out = np.empty((len(outline.spacing), 4))
-        walk = np.cumsum(np.random.default_rng(1000 + seed).normal(scale=SHADING, size=80))
+        walk = np.cumsum(np.random.default_rng(1000 + seed).normal(scale=FIRST_WALK, size=80))
         image = step_image([0.3], [80, 140], angle, 0.7, noise, seed, walk - walk[40])
-        fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), 1.0, 0.7, noise, out)
+        # Between pixels a walk is looked up as the mean of neighbours, whose steps have two thirds of the variance.
+        seen = Quality(1.0, 0.7, noise, FIRST_WALK * (2.0 / 3.0) ** 0.5, 0.0)
+        fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), seen, out)
         places.append(out[:, 0])
         stated.append(out[:, 1])
     assert 0.8 < np.var(places) / np.mean(stated) < 1.25
+
+
+@pytest.mark.parametrize('angle', [0.0, 0.3, 0.7854, 2.0])
+def test_noise_leaves_what_it_is_said_to_wherever_levels_are_looked_up(angle):
+    """A level between pixels has less noise than a pixel, and shares it with the next."""
+    outline, noise = stretches(angle), 4.0
+    places, stated, left = [], [], []
+    for seed in range(150):
+        out = np.empty((len(outline.spacing), 4))
+        image = step_image([0.3], [80, 180], angle, 0.7, noise, seed)
+        seen = Quality(1.0, 0.7, noise, WALKS[0], 0.0)
+        fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), seen, out)
+        places.append(out[:, 0])
+        stated.append(out[:, 1])
+        left.append(out[:, 3])
+    assert 0.75 < np.mean(left) < 1.25
+    assert 0.75 < np.var(places, axis=0).mean() / np.mean(stated) < 1.25
 
 
 @settings(max_examples=20, deadline=None)
@@ -115,7 +135,7 @@ def test_shade_beside_a_step_moves_it_by_half_of_what_it_could(before, after, an
     outline = stretches(angle)
     out = np.empty((len(outline.spacing), 4))
     image = step_image([0.0], [100, 160], angle, 0.8, shade=shade)
-    fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), 1.0, 0.8, 0.3, out)
+    fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), Quality(1.0, 0.8, 0.3, FIRST_WALK, 0.0), out)
     assert np.abs(out[:, 0].mean()) < 0.3
 
 
@@ -126,9 +146,9 @@ def test_a_tone_curve_does_not_move_a_step():
     coded = np.rint(255.0 * (light / 255.0) ** (1.0 / 2.2)).astype(np.uint8)
     out = np.empty((len(outline.spacing), 4))
     nothing = np.full((len(out), BESIDE), np.nan)
-    fit_steps(coded, outline, nothing, 2.2, 0.8, 0.3, out)
+    fit_steps(coded, outline, nothing, Quality(2.2, 0.8, 0.3, FIRST_WALK, 0.0), out)
     assert np.abs(out[:, 0].mean() - 0.3) < 0.02
-    fit_steps(coded, outline, nothing, 1.0, 0.8, 0.3, out)
+    fit_steps(coded, outline, nothing, Quality(1.0, 0.8, 0.3, FIRST_WALK, 0.0), out)
     assert np.abs(out[:, 0].mean() - 0.3) > 0.1
 
 
@@ -177,6 +197,44 @@ def test_the_errors_of_curves_in_all_views_and_in_one_are_told_from_those_of_poi
     assert error.curve == pytest.approx(0.3, rel=0.2)
     assert error.view == pytest.approx(0.15, rel=0.2)
     assert error.point == pytest.approx(0.1, rel=0.1)
+
+
+def test_an_outline_that_is_nothing_off_is_found_to_be_so_at_once():
+    rng = np.random.default_rng(5)
+    curves, points = 40, 30
+    group = np.repeat(np.arange(curves), points).astype(np.int32)
+    abscissa = np.tile((2.0 * np.arange(points) + 1.0) / points - 1.0, curves)
+    none = np.zeros((len(group), 2))
+    # Every other residual is the same with the other sign, so that no line is in them.
+    residual = np.abs(rng.normal(scale=0.05, size=len(group))) * np.where(np.arange(len(group)) % 2, 1.0, -1.0)
+    placed = Placed(np.zeros((len(group), 3)), 0 * group, none, none, group, group, abscissa, np.zeros((len(group), 6)))
+    variance = np.full(len(group), 0.05**2)
+    error = fitted_model_error(placed, residual, 1.0 / variance, variance, np.eye(6), FIRST_ERROR)
+    assert max(error.curve, error.view) < 2e-3  # a line is known to 0.05 / sqrt(30) = 9e-3
+
+
+@pytest.mark.parametrize('noise', [0.7, 2.0, 5.0])
+def test_noise_is_told_in_pictures_that_are_mostly_black_or_white(noise):
+    rng = np.random.default_rng(6)
+    for behind in (0.0, 255.0):
+        levels = np.full((240, 320), behind)
+        levels[60:180, 80:240] = 120.0
+        image = np.clip(np.rint(levels + rng.normal(scale=noise, size=levels.shape)), 0, 255).astype(np.uint8)
+        views = Views.of([image], PinholeCamera.centred(320, 240, 300.0))
+        assert views.noise[0] == pytest.approx(math.hypot(noise, 12.0**-0.5), rel=0.1)  # levels are rounded
+
+
+def test_how_far_levels_wander_is_told_by_each_picture():
+    """Plain faces let a step's flanks say where it is; beside print they say little."""
+    shape, _, pose, views, rig = rendered('l_shape', 1)
+    measure_pose(shape, pose, views)
+    assert (views.walk[:, 0] <= 1.0).all()
+    rng = np.random.default_rng(7)
+    print_ = cv2.GaussianBlur(rng.normal(scale=25.0, size=views.images[0].shape), (0, 0), 1.5)
+    printed = [np.clip(image + print_, 0, 255).astype(np.uint8) for image in views.images]
+    other = Views.of(printed, rig)
+    measure_pose(shape, pose, other)
+    assert (other.walk[:, 0] >= 2.0).all()
 
 
 def test_curves_count_for_presence_and_not_their_lengths():

@@ -75,7 +75,7 @@ def test_a_profile_in_whole_numbers_is_that_of_real_ones(seed, spacing):
     angle = rng.uniform(0.0, 2.0 * math.pi)
     at = (*rng.uniform(0.0, 50.0, 2).tolist(), math.cos(angle), math.sin(angle))
     exact, quick = np.zeros(15), np.zeros(15)
-    inside = profile(image, np.arange(256.0), at, spacing, 0.0, 7, exact, np.empty((2, 15)))
+    inside = profile(image, np.arange(256.0), at, spacing, 0.0, 7, exact, np.empty((3, 15)))
     assert _straight_profile(image, at, spacing, 7, quick) == inside
     # A weight's last digit is 1 / 65536, and a step of this picture up to 255.
     np.testing.assert_allclose(quick, exact, atol=0.02)

@@ -9,6 +9,7 @@ whether the outline is there.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from dataclasses import dataclass, field
 from functools import cache
 from typing import NamedTuple
@@ -25,19 +26,22 @@ from .alignment import Steps, align
 from .model_error import FIRST_ERROR, NO_ERROR, ModelError, settled
 from .neighbours import neighbours
 from .presence import shown_outline
-from .profiles import Stretches, find_steps, fit_steps
+from .profiles import Quality, Stretches, find_steps, fit_steps
 from .settings import (
-    BLUR_POINTS,
     BLURS,
     CANDIDATES,
+    DIFFERENCES,
     DRAWN_IN,
     FEWEST_POINTS,
     FIRST_BLURS,
+    FIRST_WALK,
     FLANK,
+    LOG_CHANCE,
     NEAR,
     NOT_ZERO,
     OTHERS_EDGES,
     POSE_UNKNOWNS,
+    QUALITY_POINTS,
     REACH,
     SHOWN,
     SIGNIFICANT,
@@ -46,6 +50,7 @@ from .settings import (
     TO_ERROR,
     TONE_NATS,
     TONES,
+    WALKS,
 )
 from .sight import Shape, Sight, drawn, look, outline_of
 from .views import Views
@@ -196,12 +201,14 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
         found = []
         for tone in TONES:
             views.tone[0], views.blur[:] = tone, 0.0
-            found.append((_laid_on_fitted(shape, motion, views, sight, density), views.blur.copy()))
+            laid_on = _laid_on_fitted(shape, motion, views, sight, density)
+            found.append((laid_on, views.blur.copy(), views.walk.copy()))
         curves = len(np.unique(sight.placed.group))
-        of_lines = [np.hypot(one.error.curve, one.error.view) + NOT_ZERO for one, _ in found]
+        of_lines = [np.hypot(one.error.curve, one.error.view) + NOT_ZERO for one, *_ in found]
         gain = max(2 * curves - POSE_UNKNOWNS, 0) * np.log(of_lines[0] / of_lines[1])
         best = int(gain > TONE_NATS)
-        laid_on, views.tone[0], views.blur[:] = found[best][0], TONES[best], found[best][1]
+        views.tone[0] = TONES[best]
+        laid_on, views.blur[:], views.walk[:] = found[best]
     pose = as_pose(laid_on.motion)
     arm = (pose.translation - pose.apply(shape.centre))[None]
     covariance = covariances(laid_on.normal[None], np.ones(1), arm, shape.size)[0]
@@ -306,18 +313,25 @@ def fitted(sight: Sight, views: Views) -> Steps:
             sight.limb[rows],
             flank[rows],
         )
-        noise = float(views.noise[eye])
         if views.blur[eye] <= 0.0:
-            views.blur[eye] = _best_blur(image, outline, beside[rows], tone, noise)
-        fit_steps(image, outline, beside[rows], tone, views.blur[eye], noise, out[rows])
+            views.blur[eye], *views.walk[eye] = _blur_and_walk(image, outline, beside[rows], tone, views.noise[eye])
+        quality = Quality(tone, float(views.blur[eye]), float(views.noise[eye]), *map(float, views.walk[eye]))
+        fit_steps(image, outline, beside[rows], quality, out[rows])
     known = np.isfinite(out[:, 0])
     return Steps(np.where(known, out[:, 0], 0.0)[:, None], known.astype(np.int32), np.where(known, out[:, 1], 1.0))
 
 
-def _best_blur(image: ByteArray, outline: Stretches, beside: FloatArray, tone: float, noise: float) -> float:
-    """The blur, pixels, with which strong steps that stand alone are explained best."""
+def _blur_and_walk(
+    image: ByteArray, outline: Stretches, beside: FloatArray, tone: float, noise: float
+) -> tuple[float, float, float]:
+    """Blur, walk and own share of an image (see :class:`.profiles.Quality`) by steps that stand alone.
+
+    The blur is that with which strong steps are explained best. The walk is that which leaves as much of them as noise
+    and walk would. Where what is left differs more from step to step than it would by chance, the rest is their own
+    (Smyth 2004, linear models and empirical Bayes methods: the prior of variances by their logarithms' dispersion).
+    """
     alone = np.flatnonzero((outline.flank == FLANK) & np.isnan(beside).all(axis=1))
-    some = alone[:: max(1, -(-len(alone) // BLUR_POINTS))]
+    some = alone[:: max(1, -(-len(alone) // QUALITY_POINTS))]
     part = Stretches(
         outline.pixel[some],
         outline.normal[some],
@@ -327,20 +341,34 @@ def _best_blur(image: ByteArray, outline: Stretches, beside: FloatArray, tone: f
         outline.flank[some],
     )
     nothing, out = beside[some], np.empty((len(some), 4))
+    white = noise / np.sqrt(np.maximum(part.spacing, 1.0))
 
     @cache
     def cost(k: int) -> float:
-        fit_steps(image, part, nothing, tone, BLURS[k], noise, out)
+        fit_steps(image, part, nothing, Quality(tone, BLURS[k], noise, FIRST_WALK, 0.0), out)
         good = np.abs(out[:, 2]) > STRONG * noise
-        return float(np.median(out[good, 3] / out[good, 2] ** 2)) if good.any() else np.inf
+        return float(np.median(out[good, 3] * (white / out[:, 2])[good] ** 2)) if good.any() else np.inf
 
     # From the best of a few downhill: what a wrong blur leaves grows to either side.
     best = min(FIRST_BLURS, key=cost)
     while True:
         near = min((k for k in (best, best - 1, best + 1) if 0 <= k < len(BLURS)), key=cost)
         if near == best:
-            return BLURS[best] if np.isfinite(cost(best)) else BLURS[1]
+            break
         best = near
+    if not np.isfinite(cost(best)):
+        return BLURS[1], FIRST_WALK, 0.0
+
+    def left(walk: float) -> float:
+        fit_steps(image, part, nothing, Quality(tone, BLURS[best], noise, walk, 0.0), out)
+        return -float(np.nanmean(out[:, 3]))
+
+    # The more they may wander, the less is left: as much as was expected where the walk is right.
+    walk = WALKS[min(bisect_left(WALKS, -1.0, key=left), len(WALKS) - 1)]
+    left(walk)
+    dispersion = float(np.nanvar(np.log(out[:, 3]))) - LOG_CHANCE
+    believed = (1.0 + np.sqrt(1.0 + 2.0 * dispersion)) / dispersion if dispersion > 0.0 else np.inf
+    return BLURS[best], walk, DIFFERENCES / (DIFFERENCES + believed)
 
 
 def laid(

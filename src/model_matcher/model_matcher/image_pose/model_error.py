@@ -19,7 +19,16 @@ from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..geometry.settings import ROUNDING
 from .alignment import Placed, Steps, add_to_line, align, inverse_of_line
-from .settings import FEWEST_POINTS, FIRST_CURVE_ERROR, FIRST_POINT_ERROR, NOT_ZERO, SETTLED, SIGMA_TURNS, TO_POSE
+from .settings import (
+    FEWEST_POINTS,
+    FIRST_CURVE_ERROR,
+    FIRST_POINT_ERROR,
+    LONGEST_JUMP,
+    NOT_ZERO,
+    SETTLED,
+    SIGMA_TURNS,
+    TO_POSE,
+)
 
 
 class ModelError(NamedTuple):
@@ -176,9 +185,11 @@ def _sigmas(
         np.zeros((most, 2, 6)),
     )
     for _ in range(SIGMA_TURNS):
-        last = common + view
-        common, view = _expected(sums, of_curve, common + NOT_ZERO, view + NOT_ZERO, lines)
-        if abs(common + view - last) < SETTLED * last:
+        last = common, view
+        one = _expected(sums, of_curve, common, view, lines)
+        two = _expected(sums, of_curve, one[0] + NOT_ZERO, one[1] + NOT_ZERO, lines)
+        common, view = _ahead(last[0], one[0], two[0]), _ahead(last[1], one[1], two[1])
+        if abs(common - last[0]) + abs(view - last[1]) < SETTLED * (last[0] + last[1]):
             break
     inner, noise, n = np.empty(len(curve)), np.empty(len(curve)), 0
     for k in range(len(curve)):
@@ -188,6 +199,18 @@ def _sigmas(
             n += 1
     point = (np.median(inner[:n]) / NORMAL_QUARTILE) ** 2 - np.median(noise[:n])
     return common, view, math.sqrt(max(point, 0.0))
+
+
+@njit(nogil=True)
+def _ahead(before: float, one: float, two: float) -> float:
+    """Where two steps from a sigma lead to, of which each is a share of the one before (Varadhan and Roland 2008).
+
+    Steps of expectation-maximisation creep where a sigma is less than the noise.
+    """
+    first, second = math.log((one + NOT_ZERO) / before), math.log((two + NOT_ZERO) / (one + NOT_ZERO))
+    bend = abs(second - first)
+    length = 1.0 if bend <= 0.0 else min(max(abs(first) / bend, 1.0), LONGEST_JUMP)
+    return before * math.exp(2.0 * length * first + length**2 * (second - first)) + NOT_ZERO
 
 
 class _Lines(NamedTuple):

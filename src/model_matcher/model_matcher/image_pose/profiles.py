@@ -19,7 +19,6 @@ from .settings import (
     LAST_FIT_STEP,
     LONGEST_FIT_STEP,
     OFF_PREDICTED,
-    SHADING,
     SIGNIFICANT,
     TAPS,
 )
@@ -54,6 +53,32 @@ class Stretches(NamedTuple):
     flank: Int32Array
 
 
+class Quality(NamedTuple):
+    """What an image is like.
+
+    Attributes
+    ----------
+    tone : float
+        Exponent that makes light of grey levels: what is blurred is light, not its code.
+    blur : float
+        Pixels, sigma, of the image on its pixels; looking it up between them adds to it.
+    noise : float
+        Grey levels, sigma, of a pixel.
+    walk : float
+        Grey levels for a root of a pixel, sigma: by how much shade, print and grain make the levels beside a step
+        wander.
+    own : float
+        Share of what a profile leaves beyond that, from 0 to 1, that is its own and not chance: levels wander farther
+        at some places than at others.
+    """
+
+    tone: float
+    blur: float
+    noise: float
+    walk: float
+    own: float
+
+
 @njit(nogil=True)
 def profile(
     image: ByteArray,
@@ -85,8 +110,9 @@ def profile(
         Pixels to either side.
     out : (2 reach + 1,) float64
         Filled.
-    looked_up : (2, 2 reach + 1) float64
-        Filled with the variance and the third central moment of that blur: pixels squared, pixels cubed.
+    looked_up : (3, 2 reach + 1) float64
+        Filled with the variance and the third central moment of that blur, pixels squared and cubed, and with its
+        variance along the tangent.
 
     Returns
     -------
@@ -117,6 +143,7 @@ def profile(
         out[k] = total / count
         looked_up[0, k] = (nx**2 * variance_x + ny**2 * variance_y) / count
         looked_up[1, k] = (nx**3 * third_x + ny**3 * third_y) / count
+        looked_up[2, k] = (ny**2 * variance_x + nx**2 * variance_y) / count
     return True
 
 
@@ -235,9 +262,7 @@ def find_steps(
 
 
 @njit(nogil=True)
-def fit_steps(
-    image: ByteArray, outline: Stretches, beside: FloatArray, tone: float, blur: float, noise: float, fitted: FloatArray
-) -> None:
+def fit_steps(image: ByteArray, outline: Stretches, beside: FloatArray, quality: Quality, fitted: FloatArray) -> None:
     """The steps of an outline fitted to the profiles across it: a + sum of b_k Phi((x - o_k - d_k) / blur) + a walk.
 
     Least squares in contrasts and places. The derivative by a place is largest at its step, so that nothing which white
@@ -250,18 +275,15 @@ def fit_steps(
     outline : Stretches
     beside : (n, m) float64
         Pixels from each point to further steps across its normal, o_k; not a number where there are fewer.
-    tone : float
-        Exponent that makes light of grey levels: what is blurred is light, not its code.
-    blur : float
-        Pixels, sigma, of the image on its pixels; looking it up between them adds to it.
-    noise : float
-        Grey levels of the image, sigma.
+    quality : Quality
     fitted : (n, 4) float64
-        Filled with: d_0, pixels along the normal; its variance; the contrast b_0; mean squared residual. Not a
-        number where the profile leaves the image, shows no step or one farther than FARTHEST_STEP away.
+        Filled with: d_0, pixels along the normal; its variance; the contrast b_0; mean squared residual, in units of
+        what noise and walk make it. Not a number where the profile leaves the image, shows no step or one farther than
+        FARTHEST_STEP away.
     """
+    tone, blur, noise, walk, own = quality
     levels = 255.0 * (np.arange(256.0) / 255.0) ** tone
-    grey, blurs = np.empty(2 * FLANK + 1), np.empty((2, 2 * FLANK + 1))
+    grey, blurs = np.empty(2 * FLANK + 1), np.empty((3, 2 * FLANK + 1))
     most = 3 + 2 * beside.shape[1]
     x, low = np.empty(most), np.empty((most, most))
     wide = 2 * FLANK + 1
@@ -269,8 +291,8 @@ def fit_steps(
         np.empty((most, most)),
         np.empty(most),
         np.empty((most + 1, wide)),
-        np.empty(most),
-        np.empty(wide),
+        np.empty((2, most)),
+        np.empty((2, wide)),
         np.empty(wide),
     )
     fitted[:] = np.nan
@@ -283,36 +305,51 @@ def fit_steps(
         while steps < most - 1 and not math.isnan(beside[n, steps // 2 - 1]):
             steps += 2
         size = steps + (outline.limb[n] != 0.0)
+        look_up = blurs[0, : 2 * r + 1].mean()
         for k in range(2 * r + 1):
             narrow = 1.0 / math.sqrt(blur * blur + blurs[0, k])
             blurs[0, k], blurs[1, k] = narrow, blurs[1, k] * narrow**3 / 6.0
         # What a grey level of the image is in light, here.
         mean = max(grey[: 2 * r + 1].mean(), 1.0) / 255.0
         light = tone * mean ** (1.0 - 1.0 / tone)
-        variance = (noise * light) ** 2 / max(outline.spacing[n], 1.0)
-        how = _Fit(steps, size, outline.limb[n], variance, (SHADING * light) ** 2)
+        # Of the rows of pixels in a stretch those at its ends count in part.
+        rows = max(outline.spacing[n], 1.0)
+        variance = (noise * light) ** 2 / rows * (1.0 - 2.0 * blurs[2, : 2 * r + 1].mean() / rows)
         x[:] = 0.0
-        squares = 0.0
-        _whiten(2 * r + 1, how, sums)
-        for turn in range(FIT_TURNS):
-            squares = _normal_equations(grey[: 2 * r + 1], blurs, beside[n], how, x, sums)
-            if not cholesky(sums.normal, size, low):
-                break
-            _solve(low, size, sums.right)
-            for j in range(0, steps, 2):
-                longest = LONGEST_FIT_STEP if turn else 0.0
-                sums.right[j] = min(max(sums.right[j], -longest), longest)
-            for i in range(size):
-                x[i] += sums.right[i]
-            if turn > 0 and abs(sums.right[0]) < LAST_FIT_STEP:
-                break
+        how = _Fit(steps, size, outline.limb[n], look_up, variance, (walk * light) ** 2)
+        squares = _converged(grey[: 2 * r + 1], blurs, beside[n], how, x, low, sums)
+        unexplained = squares / max(2 * r - size, 1)
+        excess = own * (unexplained - 1.0)
+        if excess > 0.0:
+            wander = how.walk + excess * (2.0 * variance + how.walk)
+            how = _Fit(steps, size, outline.limb[n], look_up, variance, wander)
+            _converged(grey[: 2 * r + 1], blurs, beside[n], how, x, low, sums)
         if not abs(x[0]) < FARTHEST_STEP or abs(x[1]) < SIGNIFICANT * math.sqrt(variance):
             continue
-        unexplained = squares / max(2 * r - size, 1)
-        fitted[n, 0], fitted[n, 2], fitted[n, 3] = x[0], x[1], unexplained * variance
-        # Where the profile is not what the outline says, the step is known as badly as the rest is explained: the noise
-        # of the image counts as many residuals as the profile has.
-        fitted[n, 1] = _variance(low, size, 0) * 0.5 * (1.0 + unexplained)
+        fitted[n, 0], fitted[n, 1] = x[0], _variance(low, size, 0)
+        fitted[n, 2], fitted[n, 3] = x[1], unexplained
+
+
+@njit(nogil=True)
+def _converged(
+    grey: FloatArray, blurs: FloatArray, beside: FloatArray, how: _Fit, x: FloatArray, low: FloatArray, sums: _Sums
+) -> float:
+    """Gauss-Newton steps from x (u,), in place, with the Cholesky factor (u, u) of the last; see _normal_equations."""
+    _whiten(len(grey), how, sums)
+    squares = 0.0
+    for turn in range(FIT_TURNS):
+        squares = _normal_equations(grey, blurs, beside, how, x, sums)
+        if not cholesky(sums.normal, how.size, low):
+            break
+        _solve(low, how.size, sums.right)
+        longest = LONGEST_FIT_STEP if turn or x[1] != 0.0 else 0.0
+        for j in range(0, how.steps, 2):
+            sums.right[j] = min(max(sums.right[j], -longest), longest)
+        for i in range(how.size):
+            x[i] += sums.right[i]
+        if longest > 0.0 and abs(sums.right[0]) < LAST_FIT_STEP:
+            break
+    return squares
 
 
 class _Fit(NamedTuple):
@@ -324,6 +361,8 @@ class _Fit(NamedTuple):
         Unknowns of the steps, place and contrast of each, the point's own first; all unknowns.
     limb : float
         See :class:`Stretches`.
+    look_up : float
+        Square pixels, variance of the blur with which it was looked up.
     variance, walk : float
         Of the noise of a pixel of the profile, and of the walk from one to the next.
     """
@@ -331,6 +370,7 @@ class _Fit(NamedTuple):
     steps: int
     size: int
     limb: float
+    look_up: float
     variance: float
     walk: float
 
@@ -344,9 +384,10 @@ class _Sums(NamedTuple):
         Matrix, its lower half, and right side.
     rows : (u + 1, 2 FLANK + 1) float64
         Derivatives of the profile by each unknown, and what remains of it.
-    white : (u,) float64
-        A row of the whitened derivatives.
-    link, scale : (2 FLANK + 1,) float64
+    white : (2, u) float64
+        A row of the whitened derivatives, and the one before.
+    link : (2, 2 FLANK + 1) float64
+    scale : (2 FLANK + 1,) float64
         See :func:`_whiten`.
     """
 
@@ -360,16 +401,25 @@ class _Sums(NamedTuple):
 
 @njit(nogil=True)
 def _whiten(n: int, how: _Fit, sums: _Sums) -> None:
-    """How differences of neighbours among n levels are made independent: what the one before counts, and the scale.
+    """How differences of neighbours among n levels are made independent: what the two before count, and the scale.
 
-    Noise and walk leave a difference related to the ones before and after it, and to no other: Cholesky factors of a
-    tridiagonal matrix.
+    A level between pixels is a mean of neighbours, so that noise, too, is alike in neighbouring levels: of a mean by
+    weights c, 1 - 2 c and c, whose variance is that of the look-up. (The two weights of a look-up halfway would leave
+    nothing of what alternates, and make all of the little by which a profile is not its model.) With the walk, which
+    leaves differences apart, a difference is related to two before and two after it: Cholesky factors of a matrix of
+    five diagonals.
     """
-    scale = 0.0
+    c = 0.5 * how.look_up
+    own, beside, second = (1.0 - 2.0 * c) ** 2 + 2.0 * c * c, 2.0 * c * (1.0 - 2.0 * c), c * c
+    square = 2.0 * how.variance * (own - beside) + how.walk
+    one, two = how.variance * (2.0 * beside - own - second), how.variance * (2.0 * second - beside)
+    before, last = 0.0, 0.0
     for k in range(1, n):
-        link = -how.variance * scale
-        scale = 1.0 / math.sqrt(2.0 * how.variance + how.walk - link * link)
-        sums.link[k], sums.scale[k] = link, scale
+        far = two * sums.scale[k - 2] if k > 2 else 0.0
+        near = (one - far * before) * last if k > 1 else 0.0
+        scale = 1.0 / math.sqrt(square - near * near - far * far)
+        sums.link[0, k], sums.link[1, k], sums.scale[k] = near, far, scale
+        before, last = near, scale
 
 
 @njit(nogil=True)
@@ -419,19 +469,20 @@ def _normal_equations(
             rows[steps, k] = math.sqrt(max(how.limb * (k - r - x[0]), 0.0))
             e[k] -= x[steps] * rows[steps, k]
     for i in range(size):
-        right[i], white[i] = 0.0, 0.0
+        right[i], white[0, i], white[1, i] = 0.0, 0.0, 0.0
         for j in range(i + 1):
             normal[i, j] = 0.0
-    squares, e_white = 0.0, 0.0
+    squares, e_white, e_before = 0.0, 0.0, 0.0
     for k in range(1, n):
-        link, scale = sums.link[k], sums.scale[k]
-        e_white = (e[k] - e[k - 1] - link * e_white) * scale
+        near, far, scale = sums.link[0, k], sums.link[1, k], sums.scale[k]
+        e_white, e_before = (e[k] - e[k - 1] - near * e_white - far * e_before) * scale, e_white
         squares += e_white * e_white
         for i in range(size):
-            white[i] = (rows[i, k] - rows[i, k - 1] - link * white[i]) * scale
-            right[i] += white[i] * e_white
+            now = (rows[i, k] - rows[i, k - 1] - near * white[0, i] - far * white[1, i]) * scale
+            white[1, i], white[0, i] = white[0, i], now
+            right[i] += now * e_white
             for j in range(i + 1):
-                normal[i, j] += white[i] * white[j]
+                normal[i, j] += now * white[0, j]
     for i in range(size):
         believed = OFF_PREDICTED if i < steps and i % 2 == 0 else CONTRAST
         normal[i, i] += 1.0 / believed**2

@@ -13,6 +13,9 @@ CANDIDATES = 4
 SECOND_DIFFERENCE = 6.0**-0.5
 # Rows between those whose noise is looked at: enough pixels in a small image, few in a large one.
 NOISE_ROWS = 8
+# Times that levels near black and white are left out, by the noise known so far; pixels that must be left for that.
+CLIPPED_TURNS = 3
+FEWEST_PIXELS = 300
 # Least noise, grey levels: that of rounding to whole ones.
 ROUNDING_NOISE = 12.0**-0.5
 # Pixels between neighbouring points of an outline, and to either side along their normals that steps are looked for:
@@ -21,9 +24,14 @@ SPACING = 4.0
 REACH = 8
 # Pixels to either side of a step that its fit takes in, at most: the flanks must say what the levels are.
 FLANK = 4
-# Grey levels for a root of a pixel, sigma of the walk that shade, print and grain make beside a step: of pictures of
-# cameras and rendered ones, half and twice as much give poses about as good (test/benchmarks/bench_poses.py).
-SHADING = 4.0
+# Grey levels for a root of a pixel, sigma of the walk that shade, print and grain make beside a step: what is believed
+# while the blur is looked for, and what is tried, from less than the noise of a good camera to strong print.
+FIRST_WALK = 4.0
+WALKS = tuple(0.25 * 2.0 ** (0.5 * k) for k in range(13))
+# Differences of neighbours in a profile less the place and the height of a step, and the variance of the logarithm of
+# their mean square by chance: the trigamma function of half of them.
+DIFFERENCES = 2 * FLANK - 2
+LOG_CHANCE = 0.3949
 # Chance that the edge of a visible point shows as a step: the rest is lost to equal brightness on both sides.
 SHOWN = 0.7
 # Pixels, sigmas that are added to the steps' own while a pose is drawn in: from half the reach to the width of an edge.
@@ -34,9 +42,12 @@ NEAR = 4
 FEWEST_POINTS = 12
 # Unknowns of a pose, which the errors of curves have lost.
 POSE_UNKNOWNS = 6
-# Steps of expectation-maximisation to the sigmas of lines at one pose, at most; the share that a last one changes.
-SIGMA_TURNS = 40
+# Pairs of steps of expectation-maximisation to the sigmas of lines at one pose, at most; the share that a last one
+# changes.
+SIGMA_TURNS = 14
 SETTLED = 0.01
+# Lengths of a step of theirs that are taken at once, at most.
+LONGEST_JUMP = 16.0
 # Rounds of sigmas of the outline's error and pose, and steps to the pose in each.
 TO_ERROR = 8
 TO_POSE = 2
@@ -53,8 +64,8 @@ FIT_TURNS = 5
 LONGEST_FIT_STEP = 0.5
 # Pixels: after a step of the fit this short the next would be about its square, and no digit that noise leaves.
 LAST_FIT_STEP = 0.02
-# Points by which the blur of an image is told, at most: of so many the median is good to a tenth of the noise.
-BLUR_POINTS = 64
+# Points by which blur and walk of an image are told, at most: of so many the median is good to a tenth of the noise.
+QUALITY_POINTS = 64
 # Pixels that a fitted step may be off what the pose predicts: farther, it was not seen from there.
 FARTHEST_STEP = 1.5
 # Further steps beside one that its fit takes in: an edge of a thin plate has one, a groove two.

@@ -11,9 +11,9 @@ import numpy as np
 
 from msgs_py import CameraRig, PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.robust import sigma_from_median
-from msgs_py.numeric.typed import ByteArray, FloatArray
+from msgs_py.numeric.typed import ByteArray, FloatArray, IntArray
 
-from .settings import NOISE_ROWS, REACH, ROUNDING_NOISE, SECOND_DIFFERENCE
+from .settings import CLIPPED_TURNS, FEWEST_PIXELS, NOISE_ROWS, REACH, ROUNDING_NOISE, SECOND_DIFFERENCE, SIGNIFICANT
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,10 +86,24 @@ class Views:
         """Exponent that makes light of the images' grey levels, (1,) float64; 0 where it has not been measured yet."""
         return np.zeros(1)
 
-    def take_over(self, noise: FloatArray, blur: FloatArray, tone: FloatArray) -> None:
-        """Take noise, blur and tone for those that were measured in other images of the same cameras."""
+    @cached_property
+    def walk(self) -> FloatArray:
+        """By how much levels wander, and how far that is each place's own (see :class:`.profiles.Quality`).
+
+        (views, 2) float64; measured with the blur.
+        """
+        return np.zeros((len(self), 2))
+
+    @property
+    def quality(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Noise, blur, tone and walk, as far as they have been measured."""
+        return self.noise, self.blur, self.tone, self.walk
+
+    def take_over(self, quality: tuple[FloatArray, FloatArray, FloatArray, FloatArray]) -> None:
+        """Take those that were measured in other images of the same cameras."""
+        noise, blur, tone, walk = (one.copy() for one in quality)
         # Where cached_property keeps what it has computed.
-        self.__dict__.update(noise=noise.copy(), blur=blur.copy(), tone=tone.copy())
+        self.__dict__.update(noise=noise, blur=blur, tone=tone, walk=walk)
 
     @cached_property
     def halved(self) -> Views:
@@ -125,10 +139,24 @@ class Views:
 
 
 def _noise(image: ByteArray) -> float:
-    """Sigma of the noise of an image (h, w), grey levels."""
+    """Sigma of the noise of an image (h, w), grey levels, where neither black nor white cuts it off."""
     some = image[::NOISE_ROWS].astype(np.int16)
-    bend = some[:, :-2] - 2 * some[:, 1:-1] + some[:, 2:]
-    count = np.bincount(np.abs(bend).ravel())
+    bend = np.abs(some[:, :-2] - 2 * some[:, 1:-1] + some[:, 2:])
+    # Of black and white the noise is cut off, which is seen only once it is known how far it reaches.
+    sigma = _sigma_of(bend)
+    for _ in range(CLIPPED_TURNS):
+        reach = SIGNIFICANT * sigma
+        inside = (some >= reach) & (some <= 255.0 - reach)
+        good = inside[:, :-2] & inside[:, 1:-1] & inside[:, 2:]
+        if good.sum() < FEWEST_PIXELS:
+            break
+        sigma = _sigma_of(bend[good])
+    return sigma
+
+
+def _sigma_of(bend: IntArray) -> float:
+    """Sigma of the noise by the sizes of second differences, whole numbers."""
+    count = np.bincount(bend.ravel())
     # The median between whole numbers: values are taken as spread evenly about each.
     below = np.cumsum(count)
     middle = 0.5 * below[-1]

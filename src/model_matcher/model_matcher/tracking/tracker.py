@@ -191,7 +191,7 @@ class Tracker:
         self._measured: FloatArray | None = None
         self._evidence = math.inf
         self._lost_s = 0.0
-        self._quality: tuple[FloatArray, FloatArray, FloatArray] | None = None
+        self._quality: tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None = None
 
     def __call__(self, images: Sequence[ByteArray], cameras: Cameras) -> Pose | None:
         """The pose in the next frame, first_T_model, or None; see :meth:`step`."""
@@ -242,9 +242,9 @@ class Tracker:
             state = predicted(state, seconds, acceleration, acceleration / self._arm)
         if expected is not None:
             state = BodyState(expected, state.middle, state.twist, state.covariance)
-        # Noise and blur change slowly: every so often they are measured again.
+        # What an image is like changes slowly: every so often they are measured again.
         if self._quality is not None and len(self._quality[0]) == len(views) and self.frames % REMEMBERED:
-            views.take_over(*self._quality)
+            views.take_over(self._quality)
         self._lost_s = self._lost_s + seconds if lost else 0.0
         if self._lost_s > SOUGHT_S:
             return self._result(state, Presence(-math.inf, 0.0, NO_SIGHT, np.zeros(0, np.int8)), 0.0)
@@ -263,7 +263,7 @@ class Tracker:
             if guess.state is state:
                 self._learn(state, as_pose(motion), covariance)
             self._error, self._support, self._evidence = error, place.presence.support, evidence
-            self._quality = views.noise, views.blur, views.tone
+            self._quality = views.quality
             self._measured = covariance
             state = self._state = corrected(guess.state, as_pose(motion), covariance)
             self._last = place.presence.sight, state.pose, views

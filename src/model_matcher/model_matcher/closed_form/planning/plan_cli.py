@@ -31,6 +31,7 @@ TILT = "angle between the part's up and the line of sight to the camera, degrees
 TURN = 'about the line of sight, degrees'
 OUTLINE = 'what edges of the part are off in an image besides noise: tolerances, lenses; of the prediction only'
 CALIBRATION = 'what calibration leaves the cameras off, as of check_rig; of the prediction only'
+WALK = 'by which levels wander beside edges in a root of a pixel (print, grain: 1 to 8); of the prediction only'
 
 
 def plan_parser() -> argparse.ArgumentParser:
@@ -77,6 +78,7 @@ def plan_parser() -> argparse.ArgumentParser:
     add('--camera-noise', type=Path, metavar='FILE', help='both as measure_camera wrote them, in place of the two')
     add('--outline-error', type=number(0.0, 10.0), default=0.0, metavar='PX', help=OUTLINE)
     add('--calibration-sigma', type=number(0.0, 10.0), default=0.0, metavar='PX', help=CALIBRATION)
+    add('--walk', type=number(0.0, 100.0), default=PlannedRig.walk, metavar='GREY', help=WALK)
 
     add = parser.add_argument_group('judgement').add_argument
     add('--max-rotation-deg', type=number(0.0, above=True), default=Limits.rotation_deg, help='of a good pose')
@@ -139,7 +141,7 @@ def task_of(options: argparse.Namespace) -> Task:
         near, far, tuple(options.tilt), tuple(options.turn), tuple(options.up), options.at_once, options.clutter
     )
     limits = Limits(options.max_rotation_deg, 1e-3 * options.max_translation_mm)
-    rig = PlannedRig(_pair(options), third, sensor, options.outline_error, options.calibration_sigma)
+    rig = PlannedRig(_pair(options), third, sensor, options.outline_error, options.calibration_sigma, options.walk)
     return Task(
         files_of_part(options.part),
         rig,

@@ -167,7 +167,7 @@ def _steps(sight: Sight, pictures: list[FloatArray], rig: PlannedRig) -> tuple[F
         contrast[rows], level[rows] = ahead - behind, 0.5 * (ahead + behind)
     beside, flank = neighbours(placed, sight.spacing)
     profiles = Profiles(flank, sight.limb, beside, sight.stretch)
-    variance = place_variances(contrast, profiles, sensor_blur(rig.sensor.psf), rig.sensor.pixel_noise(level))
+    variance = place_variances(contrast, profiles, sensor_blur(rig.sensor.psf), rig.sensor.pixel_noise(level), rig.walk)
     good = np.isfinite(variance)
     # A contour that is off as a whole tells no more than one sample would that is off by as much.
     contours = good & (sight.limb != 0.0)

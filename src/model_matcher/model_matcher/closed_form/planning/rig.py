@@ -15,6 +15,7 @@ from msgs_py import CameraRig, PinholeCamera, Pose, StereoRig
 from msgs_py.files import read_text
 from msgs_py.numeric.typed import FloatArray
 
+from ...image_pose.settings import WALKS
 from .settings import ROUNDING_VARIANCE
 
 
@@ -116,6 +117,9 @@ class PlannedRig:
         Pixels, standard deviation of what the whole image of a camera is off against the first one's: along the rows,
         across them, by a turn and by a larger scale (at its border). What calibration leaves, and drift adds;
         ``check_rig`` shows it across the rows.
+    walk : float
+        Grey levels for a root of a pixel, by which levels wander beside an edge: print, grain, uneven light. Plain
+        rendered faces have next to none, pictures of cameras 1 to 8.
     """
 
     pair: StereoRig
@@ -123,6 +127,7 @@ class PlannedRig:
     sensor: Sensor = Sensor()
     outline_px: float = 0.0
     calibration_px: float = 0.0
+    walk: float = WALKS[0]
 
     @property
     def cameras(self) -> CameraRig:

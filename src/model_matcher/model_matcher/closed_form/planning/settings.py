@@ -37,9 +37,9 @@ INTERVAL = 1.959963984540054
 # samples are not dense; the contour of a curved surface, whose shade falls ever faster towards it; and a point on its
 # line.
 DRAWN_LINE_PX = 0.004
-DRAWN_VIEW_PX = 0.015
+DRAWN_VIEW_PX = 0.0135
 DRAWN_CONTOUR_PX = 0.025
-DRAWN_POINT_PX = 0.02
+DRAWN_POINT_PX = 0.012
 # Radians by which the normal of a curve may turn in a piece that is off by one line: a sixth of a turn, along which a
 # line and an arc differ by less than the sigmas.
 PIECE_TURN = np.pi / 3.0

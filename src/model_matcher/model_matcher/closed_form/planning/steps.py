@@ -17,7 +17,7 @@ from scipy.special import ndtr
 
 from msgs_py.numeric.typed import AnyArray, FloatArray, Int32Array
 
-from ...image_pose.settings import CONTRAST, FLANK, OFF_PREDICTED, SHADING, SIGNIFICANT
+from ...image_pose.settings import CONTRAST, FLANK, OFF_PREDICTED, SIGNIFICANT, WALKS
 from .settings import BESIDE, BOX_VARIANCE, LEAST_CONTRAST
 
 
@@ -94,7 +94,9 @@ def edge_information(contrast: FloatArray | float, blur: float, noise: FloatArra
     return np.asarray(np.square(contrast) / (2.0 * np.sqrt(np.pi) * blur * np.square(noise)))
 
 
-def place_variances(contrast: FloatArray, profiles: Profiles, blur: float, noise: FloatArray | float) -> FloatArray:
+def place_variances(
+    contrast: FloatArray, profiles: Profiles, blur: float, noise: FloatArray | float, walk: float = WALKS[0]
+) -> FloatArray:
     """Variance that noise gives the places of steps as they are fitted to their profiles.
 
     The fit is that of :func:`model_matcher.image_pose.profiles.fit_steps`: the level before the step, its place and
@@ -111,6 +113,8 @@ def place_variances(contrast: FloatArray, profiles: Profiles, blur: float, noise
         Pixels.
     noise : (n,) float64 or float
         Grey levels of a pixel.
+    walk : float
+        Grey levels for a root of a pixel.
 
     Returns
     -------
@@ -124,7 +128,7 @@ def place_variances(contrast: FloatArray, profiles: Profiles, blur: float, noise
     >>> alone = Profiles(np.array([4]), np.zeros(1), np.full((1, 2), np.nan), np.array([4.0]))
     >>> variance = place_variances(np.array([50.0]), alone, 0.6, 2.0)
     >>> (1.0 / variance / (4.0 * edge_information(50.0, 0.6, 2.0))).round(2).tolist()
-    [0.52]
+    [0.76]
     """
     n, reach = len(contrast), np.arange(-FLANK, FLANK + 1.0)
     height = np.maximum(np.abs(contrast), LEAST_CONTRAST)[:, None]
@@ -145,7 +149,7 @@ def place_variances(contrast: FloatArray, profiles: Profiles, blur: float, noise
     of_noise = pixel[:, None, None] * (2.0 * np.eye(size) - np.eye(size, k=1) - np.eye(size, k=-1))
     inside = (rows != 0.0).any(axis=2)
     apart = np.where(inside[:, :, None] & inside[:, None], of_noise, 0.0)
-    allowed = apart + np.eye(size) * np.where(inside, SHADING**2, 1.0)[:, :, None]
+    allowed = apart + np.eye(size) * np.where(inside, walk**2, 1.0)[:, :, None]
     good = (profiles.flank > 0) & (np.abs(contrast) > SIGNIFICANT * np.sqrt(pixel))
     out = np.full(n, np.inf)
     if good.any():

@@ -92,6 +92,7 @@ class Task:
             'sensor': asdict(self.rig.sensor),
             'outline_px': self.rig.outline_px,
             'calibration_px': self.rig.calibration_px,
+            'walk': self.rig.walk,
             'volume': asdict(self.volume),
             'limits': asdict(self.limits),
             'views': self.views,
