@@ -18,10 +18,10 @@ from .brep.settings import WHOLE_TURN
 from .features.drawing import Drawing, draw_mesh, draw_solid, save_drawing, view_from
 from .features.export import as_json, save_dxf, save_json
 from .features.mesh_features import mesh_features
-from .features.settings import CREASE_ANGLE
 from .features.terrain_edges import facet_edges
 from .language import load_models, load_scene
 from .mesh.files import MESH_SUFFIXES, read_mesh
+from .mesh.settings import CREASE_ANGLE
 from .scene.solid import Solid
 from .scene.terrain import Terrain
 

@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseStamped
 from visualization_msgs.msg import MarkerArray
 
-from csg_renderer.features.mesh_units import GUESS, MESH_UNITS
+from csg_renderer.mesh.units import GUESS, MESH_UNITS
 from msgs_py import FeatureSet, Interpretation
 from msgs_py.codecs import features_to_markers, pose_to_stamped, poses_to_array, report_from_interpretations
 from msgs_py.node_runtime.config import parameter

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from csg_renderer.features.mesh_units import GUESS, MESH_UNITS, METRES
 from csg_renderer.mesh.files import MESH_SUFFIXES
+from csg_renderer.mesh.units import GUESS, MESH_UNITS, METRES
 from msgs_py import FeatureSet, Interpretation, PinholeCamera, StereoRig
 from msgs_py.commands import DONE, NOTHING, add_json, run_command
 from msgs_py.files import check_image, read_text

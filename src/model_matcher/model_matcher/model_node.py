@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
-from csg_renderer.features.mesh_units import GUESS
 from csg_renderer.language.includes import models_folder
+from csg_renderer.mesh.units import GUESS
 from msgs_py import Pose
 from msgs_py.codecs import transform_message_type
 from msgs_py.node_runtime.background import Background

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from csg_renderer.features.mesh_units import METRES
+from csg_renderer.mesh.units import METRES
 from msgs_py import FeatureSet
 from msgs_py.numeric.typed import AnyArray, ByteArray
 from stereo_recovery.detection.edgels import as_grey

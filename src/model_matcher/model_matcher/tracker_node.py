@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from std_msgs.msg import Header
 
-from csg_renderer.features.mesh_units import GUESS, MESH_UNITS
+from csg_renderer.mesh.units import GUESS, MESH_UNITS
 from msgs_py import Interpretation, Pose
 from msgs_py.codecs import interpretations_from_report, pose_from_message, pose_to_message
 from msgs_py.node_runtime.camera_input import CameraImages, CameraTopics, cameras_parameter

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from csg_renderer import Solid, load_model_features, model_features
-from csg_renderer.features.mesh_units import mesh_unit
+from csg_renderer.mesh.units import mesh_unit
 from model_matcher.model.library import load_library, working_distance
 from msgs_py import FeatureSet
 

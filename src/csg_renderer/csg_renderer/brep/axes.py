@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from msgs_py.numeric.grouping import linked_groups
+from msgs_py.numeric.grouping import cluster, linked_groups
 from msgs_py.numeric.typed import FloatArray
 
 from .pieces import Pieces, line_pieces
 from .settings import GENERIC_PHASE, ON_SURFACE, PARALLEL, RULINGS, SAME_HEIGHT, SHORTEST_AXIS
-from .surfaces import SurfaceTable, cluster
+from .surfaces import SurfaceTable
 
 
 def axes(table: SurfaceTable, curved: Pieces, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

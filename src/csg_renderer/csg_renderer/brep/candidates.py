@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msgs_py.numeric.grouping import cluster
+
 from .conics import common_planes, identity, section
 from .lines import distinct_lines, plane_pairs, touching_leaves
 from .settings import ON_SURFACE
-from .surfaces import SLOTS, SurfaceTable, cluster
+from .surfaces import SLOTS, SurfaceTable
 
 
 @dataclass(frozen=True, eq=False)

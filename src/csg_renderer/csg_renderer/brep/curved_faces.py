@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from msgs_py.numeric.grouping import linked_groups
+from msgs_py.numeric.grouping import cluster, linked_groups
 from msgs_py.numeric.spatial import rotations
 from msgs_py.numeric.typed import FloatArray, IntArray
 
@@ -32,7 +32,7 @@ from .settings import (
     SAME_VERTEX,
     SLIVER_AREA,
 )
-from .surfaces import SurfaceTable, cluster
+from .surfaces import SurfaceTable
 
 
 def curved_faces(

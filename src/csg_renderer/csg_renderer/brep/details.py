@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from msgs_py.numeric.grouping import cluster
 from msgs_py.numeric.typed import FloatArray
 
 from .conics import positions
@@ -29,7 +30,7 @@ from .settings import (
     WHOLE_TURN,
 )
 from .space_curves import SpaceCurvePieces
-from .surfaces import SurfaceTable, cluster
+from .surfaces import SurfaceTable
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msgs_py.numeric.grouping import cluster
 from msgs_py.numeric.vectors import perpendicular
 
 from .neighbourhood import Branches
 from .settings import CORNER_REACH, NO_LENGTH, QUADRATURE_NODES, QUADRATURE_RANGE, SAME_TURN, SAME_VERTEX
-from .surfaces import SurfaceTable, cluster
+from .surfaces import SurfaceTable
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(QUADRATURE_NODES)
 

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from msgs_py.numeric.grouping import cluster
+
 from .settings import CUT_MARGIN, DISCRIMINANT_ROUNDING, GENERIC_DIRECTION, LINE_CHUNK, ON_SURFACE, PARALLEL, RULED
-from .surfaces import SLOTS, SurfaceTable, cluster
+from .surfaces import SLOTS, SurfaceTable
 
 
 def touching_leaves(table: SurfaceTable) -> np.ndarray:

@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msgs_py.numeric.grouping import linked_groups
-from msgs_py.numeric.spatial import nearest_neighbours
+from msgs_py.numeric.grouping import cluster
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array
 
 from ..scene.solid import Operation, Primitive, Solid
@@ -304,36 +303,6 @@ def compile_surfaces(solid: Solid) -> SurfaceTable:
         (boxes[:, 1] - centre) / size,
         program,
     )
-
-
-def cluster(rows: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Group equal rows.
-
-    Parameters
-    ----------
-    rows : (n, k) float64
-        Points of a space of k dimensions.
-    tolerance : float
-        Root mean square of the differences of two rows that are equal.
-
-    Returns
-    -------
-    labels : (n,) int
-        Group of each row; groups are numbered in the order of their first rows.
-    first : (groups,) int
-        First row of each group.
-
-    Examples
-    --------
-    >>> labels, first = cluster(np.array([[0.0, 1.0], [2.0, 2.0], [0.0, 1.0]]), 1e-9)
-    >>> labels.tolist(), first.tolist()
-    ([0, 1, 0], [0, 1])
-    """
-    if not len(rows):
-        return np.zeros(0, int), np.zeros(0, int)
-    pairs = nearest_neighbours(rows).query_pairs(tolerance * np.sqrt(rows.shape[1]), output_type='ndarray')
-    labels = linked_groups(len(rows), pairs)
-    return labels, np.unique(labels, return_index=True)[1]
 
 
 def bounding_box(program: tuple[int | str, ...], boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

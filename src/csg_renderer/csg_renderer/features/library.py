@@ -13,10 +13,10 @@ from msgs_py import FeatureSet, Pose
 from ..brep.model_features import model_features
 from ..language import load_placements
 from ..mesh.files import MESH_SUFFIXES, read_mesh
+from ..mesh.settings import WORKING_DISTANCE
+from ..mesh.units import MeshUnit, mesh_unit
 from ..visibility.outline import SolidOutline
 from .mesh_outline import MeshOutline
-from .mesh_units import MeshUnit, mesh_unit
-from .settings import WORKING_DISTANCE
 
 SCENE_SUFFIX = '.csg'
 FEATURE_SUFFIX = '.npz'
@@ -97,7 +97,7 @@ def load_known_models(
     path, mesh_scale
         As for :func:`load_model_features`, which raises the same.
     mesh_units : str, optional
-        One of :data:`.mesh_units.MESH_UNITS`, in place of ``mesh_scale``; what was taken stands in ``unit``.
+        One of :data:`..mesh.units.MESH_UNITS`, in place of ``mesh_scale``; what was taken stands in ``unit``.
     distance : float
         Metres, at which models will be looked at: what a guess of the unit goes by.
 

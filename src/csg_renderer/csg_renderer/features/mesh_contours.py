@@ -16,7 +16,7 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array
 
-from .mesh_normals import RoundFacets
+from ..mesh.normals import RoundFacets
 from .settings import CLEAR_OF_FACET, CROSSING_TURNS, LEAST_LENGTH
 
 

@@ -8,10 +8,9 @@ import numpy as np
 
 from msgs_py.numeric.typed import FloatArray
 
+from ..mesh.settings import COLLINEAR, EVEN
 from .settings import (
     AMBIGUOUS_CONIC,
-    COLLINEAR,
-    EVEN,
     FEWEST_ELLIPSE_POINTS,
     FEWEST_POINTS,
     FIT,

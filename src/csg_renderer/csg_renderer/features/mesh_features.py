@@ -12,24 +12,15 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py import FeatureSet
+from msgs_py.numeric.grouping import cluster
 from msgs_py.numeric.typed import FloatArray
 
 from ..brep.settings import WHOLE_TURN
-from ..brep.surfaces import cluster
+from ..mesh.facets import Facets
 from ..mesh.files import read_mesh
+from ..mesh.settings import COLLINEAR, CREASE_ANGLE, WELD
 from .mesh_curves import Chain, FittedConic, chains, even_runs, fit_conic, split, straightened, turns
-from .mesh_facets import Facets
-from .settings import (
-    COLLINEAR,
-    CREASE_ANGLE,
-    FLAT_FACE,
-    LONG_SEGMENT,
-    MOST_CREASES,
-    NORMAL_DECIMALS,
-    PATCH,
-    SAME_AXIS,
-    WELD,
-)
+from .settings import FLAT_FACE, LONG_SEGMENT, MOST_CREASES, NORMAL_DECIMALS, PATCH, SAME_AXIS
 
 
 class Rim(NamedTuple):

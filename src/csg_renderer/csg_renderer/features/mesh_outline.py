@@ -1,6 +1,6 @@
 """What a camera sees of a mesh, as points along it: creases and occluding contours, evenly spaced in the image.
 
-The round surfaces that facets stand for are smooth again (``mesh_normals``, ``mesh_contours``): whether something is
+The round surfaces that facets stand for are smooth again (``mesh.normals``, ``mesh_contours``): whether something is
 seen is asked of the facets themselves, and where it is seen of the surface through their vertices.
 """
 
@@ -16,15 +16,16 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.steps import CompileStep
 from msgs_py.numeric.typed import FloatArray, Int32Array, IntArray
 
+from ..mesh.facets import Facets
+from ..mesh.normals import RoundFacets, round_facets
 from ..mesh.rays import TriangleTree, blocked, nearest_hits, triangle_tree
+from ..mesh.settings import CREASE_ANGLE, EVEN
 from ..visibility.outline import OutlinePoints, camera_row
 from ..visibility.outline_points import image_step
 from .mesh_contours import Wires, cubic, cubic_slope, lengthen, mesh_contours
 from .mesh_curves import FittedConic
-from .mesh_facets import Facets
 from .mesh_features import Creases, creases_of, features_of
-from .mesh_normals import RoundFacets, round_facets
-from .settings import BEFORE_POINT, CLEARANCE, CREASE_ANGLE, END_ON, EVEN, WIRE_PIECES
+from .settings import BEFORE_POINT, CLEARANCE, END_ON, WIRE_PIECES
 
 
 class MeshOutline:

@@ -10,20 +10,11 @@ import numpy as np
 
 # -- creases of a mesh -----------------------------------------------------------------------------------------------
 
-# Triangles that turn by more than this, radians, meet in a crease: larger than the angle between facets of a surface
-# with 12 facets a turn or more, smaller than the angle of any sensible edge.
-CREASE_ANGLE = np.radians(30.0)
-# Distance between vertices that are one: ten times the rounding of a 32-bit STL file.
-WELD = 2e-6
-# Turn between neighbouring segments, or triangles, that are straight or in one plane, radians.
-COLLINEAR = np.radians(0.2)
 # Decimals of the unit normals of two planes that are one.
 NORMAL_DECIMALS = 4
 
 # -- curves of a mesh ------------------------------------------------------------------------------------------------
 
-# Largest ratio of the lengths of neighbouring segments on one facetted curve.
-EVEN = 1.8
 # A straight side that goes on smoothly into arcs is longer than so many of their median segments.
 LONG_SEGMENT = 3.0
 # Largest distance of a point from the curve fitted to it, as a part of the curve's major radius; and of a flat curve's
@@ -71,14 +62,6 @@ LEAST_LENGTH = 1e-12
 # Creases of the largest mesh: a part with fifty bores of sixty facets a rim has some 6,000. Of 8,000 that run across
 # each other the chains take three seconds, and of more the square of that.
 MOST_CREASES = 8000
-
-# -- units of meshes ---------------------------------------------------------------------------------------------------
-
-# Metres, at which an object is looked at where nobody knows: a robot's arm's length. Features tell it better.
-WORKING_DISTANCE = 0.6
-# Diagonal of an object as a share of its distance. Less than the first is 14 pixels at a focal length of 700 pixels, of
-# which no edges are recovered; more than the second does not fit into a picture of 90 degrees.
-LEAST_SHARE, LARGEST_SHARE = 0.02, 2.0
 
 # Cosine of two axes, and difference of two radii as a part of the largest size, below which a primitive is neither
 # sheared nor squeezed: the rounding of transforms.

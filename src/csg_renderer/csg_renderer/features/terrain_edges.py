@@ -9,8 +9,8 @@ import numpy as np
 from msgs_py import FeatureSet
 from msgs_py.numeric.typed import BoolArray, FloatArray
 
+from ..mesh.settings import COLLINEAR, CREASE_ANGLE
 from ..scene.terrain import Terrain
-from .settings import COLLINEAR, CREASE_ANGLE
 
 
 def facet_edges(terrain: Terrain, crease_angle: float = CREASE_ANGLE) -> FeatureSet:

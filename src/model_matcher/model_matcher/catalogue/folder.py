@@ -14,8 +14,8 @@ import numpy as np
 
 from csg_renderer import load_known_models
 from csg_renderer.features.library import MODEL_SUFFIXES, SCENE_SUFFIX
-from csg_renderer.features.mesh_units import GUESS
 from csg_renderer.language import read_scene
+from csg_renderer.mesh.units import GUESS
 from msgs_py.files import check_file
 
 from ..batches.jobs import Workers, runner
@@ -89,7 +89,7 @@ def update_catalogue(
     index : Path
         Its file. A file that cannot be used is reported and left out.
     mesh_units : str
-        Unit of mesh files, one of :data:`csg_renderer.features.mesh_units.MESH_UNITS`.
+        Unit of mesh files, one of :data:`csg_renderer.mesh.units.MESH_UNITS`.
     workers : int
         Processes on this machine that read files.
     dask : str, optional

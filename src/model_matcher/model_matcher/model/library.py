@@ -13,9 +13,9 @@ import numpy as np
 
 from csg_renderer import load_known_models
 from csg_renderer.features.library import MODEL_SUFFIXES
-from csg_renderer.features.mesh_units import GUESS, MeshUnit, mesh_unit
-from csg_renderer.features.settings import WORKING_DISTANCE
 from csg_renderer.language import find_scene
+from csg_renderer.mesh.settings import WORKING_DISTANCE
+from csg_renderer.mesh.units import GUESS, MeshUnit, mesh_unit
 from msgs_py import FeatureSet
 
 from .index import ModelIndex, index_model
@@ -80,7 +80,7 @@ def load_library(paths: Iterable[str], mesh_units: str = GUESS, distance: float 
     ----------
     paths : iterable of str
     mesh_units : str
-        Unit of mesh files, one of :data:`csg_renderer.features.mesh_units.MESH_UNITS`.
+        Unit of mesh files, one of :data:`csg_renderer.mesh.units.MESH_UNITS`.
     distance : float, optional
         Metres, at which models will be looked at (:func:`working_distance`): what a guess goes by.
 

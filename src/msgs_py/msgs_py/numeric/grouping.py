@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .typed import IntArray
+from .spatial import nearest_neighbours
+from .typed import FloatArray, IntArray
 
 
 def linked_groups(count: int, pairs: ArrayLike) -> IntArray:
@@ -40,3 +41,33 @@ def linked_groups(count: int, pairs: ArrayLike) -> IntArray:
             root = root[root]
     labels: IntArray = np.unique(root, return_inverse=True)[1].reshape(-1)
     return labels
+
+
+def cluster(rows: FloatArray, tolerance: float) -> tuple[IntArray, IntArray]:
+    """Group equal rows.
+
+    Parameters
+    ----------
+    rows : (n, k) float64
+        Points of a space of k dimensions.
+    tolerance : float
+        Root mean square of the differences of two rows that are equal.
+
+    Returns
+    -------
+    labels : (n,) int
+        Group of each row; groups are numbered in the order of their first rows.
+    first : (groups,) int
+        First row of each group.
+
+    Examples
+    --------
+    >>> labels, first = cluster(np.array([[0.0, 1.0], [2.0, 2.0], [0.0, 1.0]]), 1e-9)
+    >>> labels.tolist(), first.tolist()
+    ([0, 1, 0], [0, 1])
+    """
+    if not len(rows):
+        return np.zeros(0, int), np.zeros(0, int)
+    pairs = nearest_neighbours(rows).query_pairs(tolerance * np.sqrt(rows.shape[1]), output_type='ndarray')
+    labels = linked_groups(len(rows), pairs)
+    return labels, np.unique(labels, return_index=True)[1]

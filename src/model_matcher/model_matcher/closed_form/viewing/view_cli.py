@@ -18,7 +18,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from csg_renderer.features.mesh_units import GUESS, MESH_UNITS
+from csg_renderer.mesh.units import GUESS, MESH_UNITS
 from msgs_py import FeatureSet
 from msgs_py.commands import DONE, NOTHING, add_json, run_command
 

@@ -10,7 +10,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.grouping import linked_groups
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 
-from .mesh_facets import Facets
+from .facets import Facets
 from .settings import EVEN
 
 

@@ -7,10 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from msgs_py.numeric.grouping import linked_groups
+from msgs_py.numeric.grouping import cluster, linked_groups
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
-from ..brep.surfaces import cluster
 from .settings import COLLINEAR, WELD
 
 
