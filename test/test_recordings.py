@@ -239,6 +239,13 @@ def test_what_recognise_records_can_be_replayed(graph, tmp_path, pictures):
         graph.spin_until(
             lambda: all(p.get_subscription_count() == 2 for p in (*images, *infos)), 60.0, 'the nodes and the recorder'
         )
+        # It looks for topics every so often; between nodes of one process features go without a subscription.
+        results = {'/features': 1, '/interpretations': 2, '/interpretations/l_shape': 1}
+        graph.spin_until(
+            lambda: all(graph.tester.count_subscribers(topic) == count for topic, count in results.items()),
+            60.0,
+            'the recorder at all topics',
+        )
 
         def publish(second: int) -> None:
             at = Header(frame_id=FRAME)
