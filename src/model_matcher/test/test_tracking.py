@@ -208,6 +208,22 @@ def test_a_turning_part_is_followed_and_a_jump_survived():
     assert tracker.renewed < 14
 
 
+@pytest.mark.parametrize(('way', 'seed'), [(-1, 200), (1, 100)])
+def test_a_face_that_turns_away_does_not_hold_the_pose_edge_on(way, seed):
+    """One camera sees a long face edge-on, and then no more, while the other still sees it narrow."""
+    solid, shape = part('l_shape_v2')
+    poses = [at(shape, [0, 180 + way * (0.67 * frame - 14.0), 0]) for frame in range(44)]
+    rig, tracker = rig_for(shape), Tracker(shape, poses[0])
+    in_a_row, most = 0, 0
+    for frame, pose in enumerate(poses):
+        found = tracker(images(solid, shape, [pose], seed=seed + frame), rig)
+        assert found is not None
+        in_a_row = in_a_row + 1 if pose.error_to(found).rotation_deg > 3.0 else 0
+        most = max(most, in_a_row)
+    assert most < 10, 'with both curves on one step it is 24 and 25'
+    assert in_a_row == 0
+
+
 def test_half_an_outline_is_enough_and_none_is_noticed():
     solid, shape = part('l_shape')
     pose, rig = at(shape, [25, 30, 0]), rig_for(shape)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import FloatArray, Int32Array
+from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array
 
+from ..geometry.rigid_motion import transform
 from .alignment import Placed
-from .settings import BESIDE, FLANK, LEAST_FLANK, PARALLEL
+from .settings import BESIDE, FLANK, LEAST_FLANK, ON_EDGE, OWN_STEP, PARALLEL
 
 
 @njit(nogil=True)
@@ -88,6 +89,48 @@ def neighbours(placed: Placed, spacing: FloatArray) -> tuple[FloatArray, Int32Ar
                     _note(beside, group, gap, k, placed.group[j], ahead / cosine, du, dv, placed, spacing[j])
                     _note(beside, group, gap, j, placed.group[k], back / cosine, du, dv, placed, spacing[k])
     return beside, flank
+
+
+@njit(nogil=True)
+def may_hide(placed: Placed, motion: FloatArray, cameras: FloatArray) -> BoolArray:
+    """Points, (n,) bool, that a curve nearer to the camera passes so closely that one step would serve both.
+
+    It tells of the nearer one: the farther hides behind that as soon as the object turns a little. A pose that held
+    both to one step would keep the face between them edge-on, however far it has turned.
+
+    Parameters
+    ----------
+    placed : Placed
+        n points, those of one view together.
+    motion : (12,) float64
+        first_T_model.
+    cameras : (v, 16) float64
+        See :attr:`.views.Views.rows`.
+    """
+    out = np.zeros(len(placed.eye), np.bool_)
+    depth = np.empty(len(placed.eye))
+    for k in range(len(placed.eye)):
+        x, y, z = transform(motion, placed.point[k, 0], placed.point[k, 1], placed.point[k, 2])
+        c = cameras[placed.eye[k]]
+        depth[k] = c[6] * x + c[7] * y + c[8] * z + c[11]
+    begin, box = curve_boxes(placed)
+    for one in range(len(box)):
+        for other in range(one - 1, -1, -1):
+            if placed.eye[begin[other]] != placed.eye[begin[one]]:
+                break
+            apart = max(box[one, 0] - box[other, 2], box[other, 0] - box[one, 2])
+            if max(apart, box[one, 1] - box[other, 3], box[other, 1] - box[one, 3]) > OWN_STEP:
+                continue
+            for k in range(begin[one], begin[one + 1]):
+                u, v = placed.pixel[k, 0], placed.pixel[k, 1]
+                if beside_box(box, other, u, v, OWN_STEP):
+                    continue
+                for j in range(begin[other], begin[other + 1]):
+                    du, dv = placed.pixel[j, 0] - u, placed.pixel[j, 1] - v
+                    across = placed.normal[k, 0] * du + placed.normal[k, 1] * dv
+                    if abs(across) <= ON_EDGE and du * du + dv * dv < OWN_STEP * OWN_STEP:
+                        out[k if depth[k] > depth[j] else j] = True
+    return out
 
 
 @njit(nogil=True)

@@ -13,8 +13,9 @@ from ..geometry.least_squares import covariances
 from ..image_pose.alignment import Steps
 from ..image_pose.measurement import Presence, elsewhere, fitted, laid, searched, shown
 from ..image_pose.model_error import NO_ERROR, ModelError, settled
+from ..image_pose.neighbours import may_hide
 from ..image_pose.settings import DRAWN_IN, FARTHEST_STEP, FEWEST_POINTS, NEAR, REACH, SPACING
-from ..image_pose.sight import Outline, Shape, drawn
+from ..image_pose.sight import Outline, Shape, Sight, drawn
 from ..image_pose.views import Views
 from .settings import ASKED, OTHERS_EDGES, ROUNDS
 
@@ -78,6 +79,7 @@ def searched_for(
         # What is looked for near by serves to ask the images afterwards, when it is found where it was looked for.
         steps = searched(sight, levels[level], ASKED if search_px <= NEAR else reach)
         near = within(steps, reach) if search_px <= NEAR else steps
+        near = _own(near, sight, motion, levels[level])
         widths = np.array([width for width in DRAWN_IN if width <= 0.5 * reach + 1.0])
         laid(shape, motion, levels[level], sight, near, widths, NO_ERROR, elsewhere(near, reach), prior)
     there = drawn(seen, motion, shape.centre, views, SPACING)
@@ -87,6 +89,12 @@ def searched_for(
             steps = steps._replace(offset=steps.offset - moved[:, None])
             return Place(motion, *shown(there, views, OTHERS_EDGES, steps))
     return Place(motion, *shown(there, views, OTHERS_EDGES))
+
+
+def _own(steps: Steps, sight: Sight, motion: FloatArray, views: Views) -> Steps:
+    """The steps, but none at points that may hide: one step does not hold two curves."""
+    hides = may_hide(sight.placed, motion, views.rows)
+    return steps._replace(number=np.where(hides, np.minimum(steps.number, 0), steps.number))
 
 
 def within(steps: Steps, reach: int) -> Steps:
