@@ -12,7 +12,7 @@ from model_matcher.geometry.features import DataFeatures, FeatureRows
 from model_matcher.geometry.pair_bounds import margins_of, model_relations, pair_fits, possible, relation
 from model_matcher.interpretation_tree.tables import build_tables
 from model_matcher.model.index import data_tolerances, feature_rows
-from model_matcher.proof.arc_consistency import Nodes, forward_check, listed, no_ranges, pair_test, revise
+from model_matcher.proof.arc_consistency import Nodes, forward_check, no_ranges, pair_test, revise
 from model_matcher.proof.feasibility import Sample
 from model_matcher.proof.spares import Groups
 
@@ -71,12 +71,12 @@ def passes_every_pairwise_test(rng, index, data, params, pose, least):
     test, nothing = pair_test(Sample(rows, data.kind, tols, index.rows)), np.zeros(0, np.int64)
     groups = Groups(np.full(len(data), -1), nothing)
     supporters = len(np.unique(nodes_a)) - 1
-    lists, counts = listed(alone)
+    possible_now = alone.copy()
     for node, (a, _) in enumerate(fitting):
         others = np.flatnonzero(nodes_a != a)
         own = no_ranges(len(data))
         left = forward_check(node, others, nothing, supporters, Nodes(nodes_a, nodes_i), groups, test, own)
         assert left.tolist() == others.tolist()
     for a in np.unique(nodes_a):
-        revise(a, np.delete(np.arange(len(data)), a), test, lists, counts, supporters)
-        assert set(nodes_i[nodes_a == a]) <= set(lists[a, : counts[a]])
+        revise(a, np.delete(np.arange(len(data)), a), test, possible_now, supporters)
+        assert possible_now[a, nodes_i[nodes_a == a]].all()

@@ -4,9 +4,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from model_matcher.geometry.pair_bounds import ANGLE, MIDS, RELATION, model_relations
-from model_matcher.proof.arc_consistency import _extent as pair_extent
-from model_matcher.proof.arc_consistency import _some_pair_may_fit
+from model_matcher.geometry.pair_bounds import (
+    ANGLE,
+    FOOT_A,
+    FOOT_B,
+    OFFSET,
+    RELATION,
+    margins_of,
+    model_relations,
+    offset_slack,
+    pair_fits,
+    relation,
+)
+from model_matcher.proof.arc_consistency import _angle_bins, _by_angle, pair_test, revise
 from model_matcher.proof.feasibility import (
     ALONG,
     BLOCKS,
@@ -375,34 +385,90 @@ def test_the_first_variance_of_a_turn_is_a_square_radian():
 
 
 class TestAngles:
-    """Which data pairs have a model pair at their angle and near enough; the table has bins of half a degree."""
+    """Model features in the order of their angle with each, and where in it those stand at a data pair's angle."""
 
-    def table(self):
-        model = np.array([feature([0, 0, 0], d, 0.1) for d in ([1, 0, 0], [1, 1, 0])])
-        model[1, :3] = 0.3, 0.0, 0.0
-        return pair_extent(model[:, 6].copy(), model_relations(model))
-
-    def test_the_extent_of_a_model_and_how_many_pairs_are_below_each_angle(self):
-        span, below = self.table()
-        assert span == pytest.approx(0.3 + 0.1 + 0.1)
-        half = below[ANGLES // 2 - 1]
-        assert below[0] == 0 and below[1] == half == 2, 'each feature with itself'
-        assert below[ANGLES // 2 + 2] == below[-1] == 4 and len(below) == ANGLES + 1
+    def test_features_stand_in_the_order_of_their_angles_in_bins_of_half_a_degree(self):
+        angles = np.radians([[90.0, 60.2, 89.9, 0.1], [60.2, 0.0, 30.0, 30.2], [0.0] * 4, [0.0] * 4])
+        order, below = _by_angle(angles)
+        assert order[0].tolist() == [0, 3, 1, 2], 'itself has no angle'
+        assert order[1].tolist() == [1, 2, 3, 0] and order[2].tolist() == [0, 1, 2, 3], 'equal ones as they come'
+        assert below.shape == (4, ANGLES + 1) and (below[:, -1] == 4).all() and (below[:, 0] == 0).all()
+        assert below[0, 1] == 2 and below[0, 120] == 2 and below[0, 121] == 3 and below[0, 179] == 3
+        assert below[1, 60] == 1 and below[1, 61] == 3
 
     @pytest.mark.parametrize(
-        ('angle', 'cone', 'fits'),
-        [(45, 0, True), (44, 0.2, False), (44, 1.2, True), (46, 1.2, True), (46.2, 0.2, False), (0, 0.1, True)]
-        + [(20, 5, False), (89, 3, False), (80, 60, True), (60, 44, True), (60, 14, False)],
+        ('angle', 'cone', 'bins'),
+        [(45.2, 0, (90, 90)), (44.3, 1.2, (86, 91)), (0.2, 0.1, (0, 0)), (0.2, 1, (0, 2)), (89.8, 0.1, (179, 179))]
+        + [(89.2, 3, (172, 179)), (80.2, 30, (100, 179)), (60.2, 44, (32, 179)), (80.2, 60, (40, 179))],
     )
-    def test_some_model_pair_is_at_the_angle_or_none(self, angle, cone, fits):
-        span, below = self.table()
-        rel = np.zeros(RELATION)
-        rel[ANGLE], rel[MIDS] = np.radians(angle), 0.4
-        assert bool(_some_pair_may_fit(rel, np.radians(cone), 0.0, span, below)) is fits
+    def test_the_bins_of_an_angle_reach_as_far_as_its_cone(self, angle, cone, bins):
+        """What goes beyond 90 degrees comes back from there, and not as far as the cone reaches down."""
+        assert _angle_bins(np.radians(angle), np.radians(cone)) == bins
 
-    def test_what_is_too_far_apart_fits_none(self):
-        span, below = self.table()
-        rel = np.zeros(RELATION)
-        for far, fits in ((0.0, True), (5e-10, True), (1e-6, False)):
-            rel[MIDS] = span + 0.05 + far
-            assert bool(_some_pair_may_fit(rel, 0.1, 0.05, span, below)) is fits
+    def test_rounding_takes_nothing_from_the_bins(self):
+        half = np.pi / 2 / ANGLES
+        assert _angle_bins(60 * half, 0.0) == (59, 60)
+        assert _angle_bins(60 * half + 1e-8, 0.0) == (60, 60)
+
+
+class TestRevising:
+    """Two edges of a model at 45 degrees, 0.3 apart, and data that lie on them."""
+
+    def setup_method(self):
+        model = np.array([feature([0, 0, 0], d, 0.1) for d in ([1, 0, 0], [1, 1, 0], [0, 0, 1])])
+        model[1, :3] = 0.3, 0.0, 0.0
+        model[2, :3] = 0.1, 0.2, 0.05
+        self.model = model
+
+    def left(self, data, supporters=2, at=0):
+        test = pair_test(sample_of(data, self.model))
+        left = np.ones((len(data), 3), bool)
+        others = np.delete(np.arange(len(data)), at)
+        revise(at, others, test, left, supporters)
+        return left[at].tolist()
+
+    def test_only_the_true_pairing_has_both_others_for_it(self):
+        for at in range(3):
+            assert self.left(self.model.copy(), at=at) == [k == at for k in range(3)]
+
+    def test_one_is_enough_where_one_is_asked_for(self):
+        data = self.model.copy()
+        data[2, :3] = 5.0, 5.0, 5.0
+        assert self.left(data, 1) == [True, False, False] and self.left(data, 2) == [False] * 3
+        assert self.left(data, 0) == [True] * 3
+
+    def test_the_farthest_pair_is_near_enough_up_to_its_room(self):
+        """Middles may be as far apart as the model's, and what both edges have room for: its own half length each."""
+        room = 2 * (0.1 + BESIDE + ACROSS - 0.01 * np.cos(CONE))
+        for beyond, fits in ((-1e-6, True), (1e-6, False)):
+            data = self.model[:2].copy()
+            data[:, 6] = 0.01
+            gap = 0.3 + room + beyond
+            data[1, :3] = gap, 0.0, 0.0
+            test = pair_test(sample_of(data, self.model[:2]))
+            assert test.span == pytest.approx(0.5)
+            left = np.ones((2, 2), bool)
+            revise(0, np.array([1]), test, left, 1)
+            # The line of b still meets that of a, but only if both may be so far out.
+            assert left[0].any() == (fits and self.slides(data))
+
+    def slides(self, data):
+        rel = np.empty((1, RELATION))
+        relation(data[0], data[1], rel[0])
+        margins = margins_of(data, np.tile([ACROSS, BESIDE, CONE], (2, 1)))
+        both = model_relations(self.model[:2])
+        halves = self.model[:2, 6].copy()
+        pairs = ((0, 1), (1, 0), (0, 0), (1, 1))
+        return any(pair_fits(rel, 0, margins, 0, 1, halves, both, i, j) for i, j in pairs)
+
+    def test_the_slack_of_the_distance_is_that_of_lemma_4(self):
+        data = self.model[[0, 2]].copy()
+        rel, margins = np.empty(RELATION), margins_of(data, np.tile([ACROSS, BESIDE, CONE], (2, 1)))
+        relation(data[0], data[1], rel)
+        chord = 2 * np.sin(CONE / 2)
+        tilt = 2 * chord / np.sin(rel[ANGLE])
+        strays = sum(ACROSS + np.sin(CONE) * max(0, abs(foot) - 0.1) for foot in (rel[FOOT_A], rel[FOOT_B]))
+        expected = strays + abs(rel[OFFSET]) * (1 - np.sqrt(1 - tilt**2)) + 1e-9
+        assert offset_slack(rel, margins, 0, 1) == pytest.approx(expected, abs=1e-12)
+        wide = margins_of(data, np.tile([ACROSS, BESIDE, 0.6], (2, 1)))
+        assert offset_slack(rel, wide, 0, 1) == np.inf, 'they may be parallel'

@@ -7,7 +7,6 @@ from model_matcher import MatchParams, index_model
 from model_matcher.closed_form.synthetic.scenes import MODELS, make_scene
 from model_matcher.closed_form.synthetic.strained import strained_scene
 from model_matcher.model.problem import make_problem
-from model_matcher.proof.arc_consistency import listed
 from model_matcher.proof.branch_and_bound import BranchAndBound, sample_of
 from model_matcher.proof.certificate import prove
 from model_matcher.proof.feasibility import all_fit, deviations
@@ -80,11 +79,6 @@ def test_of_the_plug_hardly_more_pairings_are_left_than_features():
     scene = make_scene(model, 0, clutter=0.5)
     proof = prove(index_model(model, 'plug'), scene.data, 43, MatchParams(), Deadline(60.0))
     assert proof.proven and proof.nodes <= 2 and proof.pairings <= 66
-
-
-def test_lists_have_the_true_columns():
-    lists, counts = listed(np.array([[False, True, True], [True, False, False], [False, False, False]]))
-    assert counts.tolist() == [2, 1, 0] and lists[0, :2].tolist() == [1, 2] and lists[1, 0] == 0
 
 
 class TestTree:

@@ -144,6 +144,32 @@ def _strays(margins: FloatArray, a: int, foot: float) -> float:
 
 
 @njit
+def offset_slack(rel: FloatArray, margins: FloatArray, a: int, b: int) -> float:
+    """By how much the distance of two crossing model lines may differ from that of the data lines (lemma 4), metres.
+
+    Parameters
+    ----------
+    rel : (10,) float64
+        The relation of a and b.
+    margins : (n, 8) float64
+        As :func:`margins_of` gives them.
+    a, b : int
+        The data features.
+
+    Returns
+    -------
+    float
+        Infinite, where the lines may be parallel.
+
+    """
+    tilt = (margins[a, 7] + margins[b, 7]) / max(rel[SINE], NOT_ZERO)
+    if tilt >= 1.0:
+        return np.inf
+    strays = _strays(margins, a, rel[FOOT_A]) + _strays(margins, b, rel[FOOT_B])
+    return float(strays + abs(rel[OFFSET]) * (1.0 - np.sqrt(1.0 - tilt * tilt)) + ROUNDING)
+
+
+@njit
 def pair_fits(
     rels: FloatArray,
     k: int,

@@ -16,8 +16,19 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 from ..geometry.constraints import consistent_signs, entry, pair_ranges, ranges_of_pairs
-from ..geometry.pair_bounds import ANGLE, MIDS, RELATION, margins_of, model_relations, pair_fits, relation
-from ..geometry.settings import RIGHT_ANGLE, ROUNDING
+from ..geometry.pair_bounds import (
+    ANGLE,
+    MIDS,
+    OFFSET,
+    RELATION,
+    SINE,
+    margins_of,
+    model_relations,
+    offset_slack,
+    pair_fits,
+    relation,
+)
+from ..geometry.settings import EXACTLY_PARALLEL_SINE, RIGHT_ANGLE, ROUNDING
 from .feasibility import Sample
 from .settings import ANGLES
 from .spares import Groups, left_out, spare_features
@@ -41,10 +52,14 @@ class PairTest(NamedTuple):
         Of model_relations.
     mids, angles : (e, e)
         Two columns of the relations: metres, radians.
+    offsets : (e, e)
+        Metres, distances of crossing lines; NaN of parallel ones.
     span
         Metres, the farthest apart that points of two model features are.
-    below : (ANGLES + 1,)
-        How many pairs of model features, both orders, have an angle below k / ANGLES of pi/2.
+    by_angle : (e, e) int64
+        Model features in the order of their angle with each one, in bins.
+    below : (e, ANGLES + 1)
+        How many of them have an angle below k / ANGLES of pi/2 with it.
     model_ranges : (e, e, 11)
         Of pair_ranges, filled where model_known is set.
     model_known : (e, e) bool
@@ -58,7 +73,9 @@ class PairTest(NamedTuple):
     relations: FloatArray
     mids: FloatArray
     angles: FloatArray
+    offsets: FloatArray
     span: float
+    by_angle: IntArray
     below: IntArray
     model_ranges: FloatArray
     model_known: BoolArray
@@ -96,16 +113,19 @@ def pair_test(sample: Sample) -> PairTest:
     """The tests of pairs of nodes for the data and the model of a sample."""
     e = len(sample.model)
     relations = model_relations(sample.model)
-    halves = sample.model[:, 6].copy()
-    span, below = _extent(halves, relations)
+    halves, angles = sample.model[:, 6].copy(), np.ascontiguousarray(relations[:, :, ANGLE])
+    by_angle, below = _by_angle(angles)
+    span = float((relations[:, :, MIDS] + halves[:, None] + halves).max(initial=0.0))
     return PairTest(
         sample,
         margins_of(sample.data, sample.tolerances),
         halves,
         relations,
         np.ascontiguousarray(relations[:, :, MIDS]),
-        np.ascontiguousarray(relations[:, :, ANGLE]),
+        angles,
+        np.where(relations[:, :, SINE] < EXACTLY_PARALLEL_SINE, np.nan, np.abs(relations[:, :, OFFSET])),
         span,
+        by_angle,
         below,
         ranges_of_pairs(e, e),
         np.zeros((e, e), bool),
@@ -118,105 +138,88 @@ def no_ranges(n: int) -> DataRanges:
     return DataRanges(ranges_of_pairs(n), np.zeros(n, bool))
 
 
-def listed(possible: BoolArray) -> tuple[IntArray, IntArray]:
-    """Lists (n, e) int64 of the true columns of each row of possible (n, e), and how many they are, (n,) int64.
+@njit
+def _by_angle(angles: FloatArray) -> tuple[IntArray, IntArray]:
+    """PairTest's by_angle and below, of the angles (e, e); a model feature with itself has angle 0."""
+    e = len(angles)
+    order, below, bins = np.empty((e, e), np.int64), np.zeros((e, ANGLES + 1), np.int64), np.empty(e, np.int64)
+    for i in range(e):
+        for j in range(e):
+            bins[j] = 0 if i == j else min(int(angles[i, j] / RIGHT_ANGLE * ANGLES), ANGLES - 1)
+            below[i, bins[j] + 1] += 1
+        for k in range(ANGLES):
+            below[i, k + 1] += below[i, k]
+        place = below[i].copy()
+        for j in range(e):
+            order[i, place[bins[j]]] = j
+            place[bins[j]] += 1
+    return order, below
 
-    Examples
-    --------
-    >>> lists, counts = listed(np.array([[False, True, True], [True, False, False]]))
-    >>> lists[0, :2].tolist(), counts.tolist()
-    ([1, 2], [2, 1])
+
+@njit
+def _angle_bins(angle: float, cone: float) -> tuple[int, int]:
+    """The first bin of angles that the angle of a data pair, known to a cone, may be in on the model, and the last.
+
+    An angle that would be beyond a right one comes back from there by less than the cone reaches down.
     """
-    return np.argsort(~possible, axis=1, kind='stable'), possible.sum(axis=1)
+    first = min(max(int((angle - cone - ROUNDING) / RIGHT_ANGLE * ANGLES), 0), ANGLES - 1)
+    return first, min(int((angle + cone + ROUNDING) / RIGHT_ANGLE * ANGLES), ANGLES - 1)
 
 
 @njit
-def _extent(halves: FloatArray, relations: FloatArray) -> tuple[float, IntArray]:
-    """PairTest's span and below; a model feature with itself has angle 0."""
-    span = 0.0
-    below = np.zeros(ANGLES + 1, np.int64)
-    for i in range(len(halves)):
-        for j in range(len(halves)):
-            span = max(span, relations[i, j, MIDS] + halves[i] + halves[j])
-            angle = relations[i, j, ANGLE] if i != j else 0.0
-            below[min(int(angle / RIGHT_ANGLE * ANGLES), ANGLES - 1) + 1] += 1
-    for k in range(ANGLES):
-        below[k + 1] += below[k]
-    return span, below
+def revise(a: int, others: IntArray, test: PairTest, left: BoolArray, supporters: int) -> None:
+    """Remove the nodes of data feature a that are consistent with too few of the data features ``others``.
 
-
-@njit
-def _some_pair_may_fit(rel: FloatArray, cone: float, room: float, span: float, below: IntArray) -> bool:
-    """Whether any two model features are near enough to each other and at the angle for a data pair's relation."""
-    low = rel[ANGLE] - cone
-    high = min(rel[ANGLE] + cone, RIGHT_ANGLE)
-    if rel[ANGLE] + cone > RIGHT_ANGLE:
-        low = min(low, np.pi - rel[ANGLE] - cone)
-    first = min(max(int((low - ROUNDING) / RIGHT_ANGLE * ANGLES), 0), ANGLES - 1)
-    last = min(int((high + ROUNDING) / RIGHT_ANGLE * ANGLES), ANGLES - 1)
-    may_fit: bool = rel[MIDS] <= span + room + ROUNDING and below[last + 1] > below[first]
-    return may_fit
-
-
-@njit
-def revise(a: int, others: IntArray, test: PairTest, lists: IntArray, counts: IntArray, supporters: int) -> None:
-    """Remove from data feature a's list the nodes that are consistent with too few of the data features ``others``.
-
-    A node stays when at least ``supporters`` of them have a node that is consistent with it. lists : (n, e) int64, the
-    model features that a data feature may be on, the first counts (n,) of a row; both in place.
+    A node stays when at least ``supporters`` of them have a node that is consistent with it. left : (n, e), the model
+    features that each data feature may be on; in place.
     """
-    data, margins, halves, mids = test.sample.data, test.margins, test.halves, test.mids
+    data, margins, halves, mids, offsets = test.sample.data, test.margins, test.halves, test.mids, test.offsets
     m = 0
     rels = np.empty((len(others), RELATION))
-    rooms = np.empty(len(others))
-    near = np.empty(len(others), np.int64)
+    rooms, slacks = np.empty(len(others)), np.empty(len(others))
+    near, bins = np.empty(len(others), np.int64), np.empty((len(others), 2), np.int64)
+    reach = test.span - margins[a, 1] + margins[a, 2] + margins[a, 3] + ROUNDING
     for b in others:
         relation(data[a], data[b], rels[m])
-        room = margins[b, 2] + margins[b, 3] - margins[b, 1]
-        cone = margins[a, 4] + margins[b, 4]
-        if _some_pair_may_fit(
-            rels[m], cone, room - margins[a, 1] + margins[a, 2] + margins[a, 3], test.span, test.below
-        ):
-            near[m], rooms[m] = b, room
+        rooms[m] = margins[b, 2] + margins[b, 3] - margins[b, 1]
+        if rels[m, MIDS] <= reach + rooms[m]:
+            near[m], bins[m] = b, _angle_bins(rels[m, ANGLE], margins[a, 4] + margins[b, 4])
+            slacks[m] = offset_slack(rels[m], margins, a, b)
             m += 1
-    if m < supporters:
-        counts[a] = 0
-        return
-    left = 0
-    for at in range(counts[a]):
-        i = lists[a, at]
+    for i in range(len(halves)):
+        if not left[a, i]:
+            continue
         room_a = halves[i] - margins[a, 1] + margins[a, 2] + margins[a, 3] + ROUNDING
-        spare = m - supporters
-        for k in range(m):
-            b = near[k]
-            mid, room = rels[k, MIDS], room_a + rooms[k]
+        needed, spare, k = supporters, m - supporters, 0
+        while needed > 0 and spare >= 0:
+            b, mid, room, offset = near[k], rels[k, MIDS], room_a + rooms[k], abs(rels[k, OFFSET])
             agrees = False
-            for other in range(counts[b]):
-                j = lists[b, other]
-                if (i == j or abs(mid - mids[i, j]) <= room + halves[j]) and pair_fits(
-                    rels, k, margins, a, b, halves, test.relations, i, j
+            for at in range(test.below[i, bins[k, 0]], test.below[i, bins[k, 1] + 1]):
+                j = test.by_angle[i, at]
+                if (
+                    left[b, j]
+                    and abs(mid - mids[i, j]) <= room + halves[j]
+                    and not abs(offset - offsets[i, j]) > slacks[k]
+                    and pair_fits(rels, k, margins, a, b, halves, test.relations, i, j)
                 ):
                     agrees = True
                     break
-            if not agrees:
-                spare -= 1
-                if spare < 0:
-                    break
-        if spare >= 0:
-            lists[a, left] = i
-            left += 1
-    counts[a] = left
+            needed -= agrees
+            spare -= not agrees
+            k += 1
+        left[a, i] = spare >= 0
 
 
 @njit
-def revise_each(
-    some: IntArray, test: PairTest, lists: IntArray, counts: IntArray, supporters: int, seen: IntArray
-) -> None:
-    """Revise the lists of data features ``some`` against all others, those with the shortest lists first.
+def revise_each(some: IntArray, test: PairTest, left: BoolArray, supporters: int, seen: IntArray) -> None:
+    """Revise the nodes of data features ``some`` against all others, those with the fewest nodes first.
 
-    seen : (n,) how many nodes there were when a feature was revised last; where nothing has been removed since, its
-    list stays as it is. In place.
+    left : (n, e), see :func:`revise`; seen : (n,) how many nodes there were when a feature was revised last; where
+    nothing has been removed since, its own stay as they are. In place.
     """
+    counts = np.zeros(len(left), np.int64)
+    for a in range(len(left)):
+        counts[a] = left[a].sum()
     nodes = counts.sum()
     for a in some:
         if counts[a] == 0 or seen[a] == nodes:
@@ -229,7 +232,8 @@ def revise_each(
                 others[m] = b
                 m += 1
         nodes -= counts[a]
-        revise(a, others[:m], test, lists, counts, supporters)
+        revise(a, others[:m], test, left, supporters)
+        counts[a] = left[a].sum()
         nodes += counts[a]
         seen[a] = nodes
 
@@ -265,8 +269,6 @@ def forward_check(
         mid, room = rel[0, MIDS], room_a + margins[b, 2] + margins[b, 3] - margins[b, 1]
         low = rel[0, ANGLE] - margins[a, 4] - margins[b, 4] - ROUNDING
         high = rel[0, ANGLE] + margins[a, 4] + margins[b, 4] + ROUNDING
-        if high > RIGHT_ANGLE:
-            low, high = min(low, np.pi - high), RIGHT_ANGLE
         before = count
         while at < len(free) and nodes.a[free[at]] == b:
             other = free[at]

@@ -29,7 +29,7 @@ from ..geometry.pair_pose import pair_frame, pair_pose
 from ..geometry.settings import ROUNDING
 from ..model.problem import Problem
 from ..model.settings import SEARCH_WIDTH
-from .arc_consistency import DataRanges, Nodes, forward_check, listed, no_ranges, pair_test, revise_each
+from .arc_consistency import DataRanges, Nodes, forward_check, no_ranges, pair_test, revise_each
 from .feasibility import (
     FEASIBLE,
     INFEASIBLE,
@@ -125,21 +125,24 @@ class BranchAndBound:
         data = self.sample.data
         if len(data) <= self.most:
             return
-        lists, counts = listed(self._possible(np.arange(len(data))))
+        left = self._possible(np.arange(len(data)))
         self.test = pair_test(self.sample)
         seen = np.full(len(data), -1)
-        before = -1
-        while before != counts.sum():
-            before = counts.sum()
+        before, now = -1, left.sum()
+        while before != now:
+            before = now
             # What is removed early saves tests later: features with few nodes first, of those the long ones.
-            order = np.lexsort((-data[:, 6], counts))
+            order = np.lexsort((-data[:, 6], left.sum(axis=1)))
             for start in range(0, len(order), AT_ONCE):
                 self.check_time()
-                revise_each(order[start : start + AT_ONCE], self.test, lists, counts, self.most, seen)
-                if np.count_nonzero(counts) <= self.most:
+                revise_each(order[start : start + AT_ONCE], self.test, left, self.most, seen)
+                if np.count_nonzero(left.any(axis=1)) <= self.most:
                     return
-        order = np.argsort(counts, kind='stable')  # features of few nodes are the first to show that a pose is none
-        self.nodes = Nodes(np.repeat(order, counts[order]), np.concatenate([lists[a, : counts[a]] for a in order]))
+            now = left.sum()
+        # Features of few nodes are the first to show that a pose is none.
+        order = np.argsort(left.sum(axis=1), kind='stable')
+        of, i = np.nonzero(left[order])
+        self.nodes = Nodes(order[of], i)
 
     def _possible(self, some: IntArray) -> BoolArray:
         """(len(some), e) bool: which model features these data features may lie on by themselves."""

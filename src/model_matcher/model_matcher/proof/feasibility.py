@@ -471,6 +471,13 @@ def _line_search(
 
 
 @njit
+def _bent(residuals: _Residuals, step: FloatArray) -> float:
+    """The most that a squared residual of one may be linearly, when it is bent by as much as a step (6,) does."""
+    square = step[0] ** 2 + step[1] ** 2 + step[2] ** 2
+    return float((1.0 + 0.5 * residuals.levers.max() * square) ** 2)
+
+
+@njit
 def _approach(residuals: _Residuals, step: FloatArray, turn: float, shift: float, fit: _Fit) -> bool:
     """Change a step (6,) towards the least largest residual; True when no pose of the region is feasible.
 
@@ -489,7 +496,7 @@ def _approach(residuals: _Residuals, step: FloatArray, turn: float, shift: float
             bound = _newton(residuals, squares, worst, power, step, fit)
             if bound < 0.0:
                 return False
-            if turn < 0.0 and bound > MINIMAX.hopeless:
+            if turn < 0.0 and bound > 1.0 and bound > _bent(residuals, step + fit.to_lowest):
                 return True
             if bound > 1.0 and turn >= 0.0 and _bound(residuals, fit.weights, turn, shift).reach < 0.0:
                 return True

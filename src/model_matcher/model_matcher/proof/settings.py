@@ -40,8 +40,6 @@ class MinimaxSteps(NamedTuple):
         A power is left when a step lowers its sum by less than this part.
     below_one
         The residuals are linearised anew when the largest squared one is below this; below 1 the set is feasible.
-    hopeless
-        No pose is sought any longer where the largest squared residual is shown to be above this, before it bends.
     settled
         Radians and metres: after a smaller step they are not linearised anew.
     """
@@ -53,11 +51,10 @@ class MinimaxSteps(NamedTuple):
     shortest: float
     least_gain: float
     below_one: float
-    hopeless: float
     settled: float
 
 
-MINIMAX = MinimaxSteps(4, 10, 8, 0.4, 0.02, 0.002, 0.999, 1.2, 1e-4)
+MINIMAX = MinimaxSteps(4, 10, 8, 0.4, 0.02, 0.002, 0.999, 1e-4)
 
 # -- regions of rotations --------------------------------------------------------------------------------------------
 
