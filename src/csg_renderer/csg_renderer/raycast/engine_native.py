@@ -19,11 +19,13 @@ from .flatten import FlatProgram, flatten
 from .frame import Frame, RenderOptions, RenderStats
 from .frame_buffers import new_frame
 from .kernels.image import render_tiles
-from .kernels.packets import BOUNDS, PACKETS
+from .kernels.packets import BOUNDS, MEETING_PARTS, PACKETS
 from .kernels.raw_image import render_raw_rows, smooth_raw_rows
 from .kernels.records import (
     CameraData,
+    Faces,
     Meeting,
+    Packets,
     Plan,
     RawRays,
     SecondaryRayWorkspace,
@@ -35,6 +37,7 @@ from .kernels.rows import STRIDE, SUBTRACTED, SUBTRACTED_PARTS
 from .kernels.samples import mark_rows, smooth_rows
 from .kernels.secondary_rays import BATCH_PARTS, RAY_PARTS
 from .kernels.surface_rays import SURFACE_BATCH_PARTS, SURFACE_RAY_PARTS
+from .kernels.tree import LEAF_STEP
 from .programs.program import Program, View, program_of, view_of
 from .raw_view import box_samples, crow_samples, raw_view
 from .settings import CROW_OFFSETS, CROW_WEIGHTS, LEAST_ROWS_PER_THREAD, PARTS_PER_THREAD
@@ -245,12 +248,18 @@ def _casting_workspace(
         np.empty((PACKETS + 1, BOUNDS)),
         np.empty(PACKETS),
         np.empty(STRIDE, dtype=np.int64),
+        np.empty(STRIDE, dtype=np.int64),
+        Packets(np.empty(PACKETS + 1, dtype=np.int64), np.zeros(1, dtype=np.int64)),
+        Faces(
+            np.full(max(1, len(flat.csg.kind)) * int(LEAF_STEP), -1),
+            np.empty(STRIDE, dtype=np.int64),
+            np.empty(STRIDE, dtype=np.int64),
+        ),
         Meeting(
             np.empty(children, dtype=np.int64),
             np.empty(children),
             np.empty((PACKETS, children)),
-            np.empty((6, children)),
-            np.empty(len(flat.csg.hierarchy.child)),
+            np.empty(MEETING_PARTS * STRIDE),
         ),
         options.levels,
         options.shadows,

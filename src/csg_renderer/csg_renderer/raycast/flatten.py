@@ -10,12 +10,12 @@ import numpy as np
 from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..scene.terrain import Terrain
-from .hierarchy import hierarchy_of
+from .hierarchy import boxes_of
 from .kernels.records import CsgPrograms, Materials, TerrainGrids
 from .programs.products import products_of
-from .programs.program import BLOCK, DIFFERENCE, HALFSPACES, INTERSECT, PLANE, Program
+from .programs.program import BLOCK, HALFSPACES, PLANE, Program
 from .programs.tree_order import early_outs
-from .settings import AMBIGUOUS, BOX_SLACK, FAR, SPHERE_SLACK
+from .settings import AMBIGUOUS, FAR, SPHERE_SLACK
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,9 +116,8 @@ def _csg_programs(program: Program, products: _Products) -> CsgPrograms:
     jumps: list[int] = []
     code_start = [0]
     simple = np.full(len(program.children), -1, dtype=np.int64)
-    box = np.empty((6, len(program.children)))
+    box, hierarchy = boxes_of(program)
     child_of = np.zeros(len(program.kind), dtype=np.int64)
-    bounds = _leaf_boxes(program)
     for child, code in enumerate(program.children):
         child_of[code[code >= 0]] = child
         jumps += [jump + len(codes) if jump else 0 for jump in early_outs(code)]
@@ -126,7 +125,6 @@ def _csg_programs(program: Program, products: _Products) -> CsgPrograms:
         code_start.append(len(codes))
         if len(code) == 1:
             simple[child] = code[0]
-        box[:, child] = _child_box(code, bounds)
     return CsgPrograms(
         whole_numbers(products.start),
         whole_numbers(products.positive),
@@ -138,7 +136,7 @@ def _csg_programs(program: Program, products: _Products) -> CsgPrograms:
         simple,
         child_of,
         box,
-        hierarchy_of(box),
+        hierarchy,
         program.kind,
         np.ascontiguousarray(program.inverse[:, :3]),
         _spheres(program),
@@ -172,19 +170,6 @@ def whole_numbers(numbers: list[int]) -> IntArray:
     return np.array(numbers, dtype=np.int64)
 
 
-def _leaf_boxes(program: Program) -> FloatArray:
-    """(n, 2, 3): bounds of the leaves along the scene's axes, metres."""
-    boxes = np.empty((len(program.kind), 2, 3))
-    for leaf, (first, last) in enumerate(zip(program.outline_start[:-1], program.outline_start[1:])):
-        if program.kind[leaf] == PLANE:
-            boxes[leaf] = [[-FAR] * 3, [FAR] * 3]
-        else:
-            points = program.outline[first:last]
-            slack = BOX_SLACK * (1.0 + np.abs(points).max())
-            boxes[leaf] = points.min(axis=0) - slack, points.max(axis=0) + slack
-    return boxes
-
-
 def _spheres(program: Program) -> FloatArray:
     """(n, 4): a sphere about each leaf in the scene frame, centre (metres) and squared radius."""
     spheres = np.zeros((len(program.kind), 4))
@@ -195,23 +180,6 @@ def _spheres(program: Program) -> FloatArray:
             spheres[leaf, :3] = points.mean(axis=0)
             spheres[leaf, 3] = SPHERE_SLACK * ((points - spheres[leaf, :3]) ** 2).sum(axis=1).max()
     return spheres
-
-
-def _child_box(code: IntArray, boxes: FloatArray) -> FloatArray:
-    """(6,): bounds of a tree, low x y z, high x y z, from those of its leaves."""
-    stack: list[FloatArray] = []
-    for op in code:
-        if op >= 0:
-            stack.append(boxes[op])
-            continue
-        right, left = stack.pop(), stack.pop()
-        if op == INTERSECT:
-            stack.append(np.stack([np.maximum(left[0], right[0]), np.minimum(left[1], right[1])]))
-        elif op == DIFFERENCE:
-            stack.append(left)
-        else:
-            stack.append(np.stack([np.minimum(left[0], right[0]), np.maximum(left[1], right[1])]))
-    return stack[0].ravel()
 
 
 def _flat_normals(program: Program) -> FloatArray:

@@ -46,6 +46,9 @@ SHORT_WORD_PARALLEL_ROUNDINGS = 4.0
 
 # Bounding boxes are larger than their corners by this, metres, and by this fraction of the largest coordinate.
 BOX_SLACK = 1e-9
+# Digits to which the axes of two leaves are the same, so that their boxes may lie along both: rounding in a scene's
+# transforms leaves far more.
+AXES_DIGITS = 6
 # Squared radii of bounding spheres are larger by this factor, for rounding.
 SPHERE_SLACK = 1.01
 # The range of heights of a terrain is larger by this, metres, and by this fraction of its limits, for rounding.
@@ -69,6 +72,9 @@ LONGEST_ROW = 256
 # Rays of a batch of secondary rays that are bounded together: the fewer, the closer they lie, and the more bounds there
 # are to compare (with 16 the table of test/benchmarks/bench_renderer.py takes a tenth longer).
 PACKET = 32
+# Columns of the blocks of pixels in which visible places follow each other in a batch: with the rows of a batch about
+# as many as make a packet that is as high as wide.
+BLOCK_COLUMNS = 4
 # Into how many parts for each thread the tiles of a view are divided when several views are rendered: a thread that
 # is ready early takes one more.
 PARTS_PER_THREAD = 2

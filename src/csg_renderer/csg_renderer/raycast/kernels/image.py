@@ -169,7 +169,7 @@ def lit_row(work, m, y, csg, materials, plan, secondary, surfaces, terrains):
     """Normals of the hits of a row, and their colours, 0..1, clipped, into work.row."""
     colour_row(work, m, 0, y, csg, materials, plan, secondary, surfaces, terrains, True)
     if secondary is not None:
-        follow(1, csg, materials, work, secondary, terrains)
+        follow(1, m, csg, materials, work, secondary, terrains)
         scatter_row(work.row, m, 0, secondary.colours)
     clip_row(work.row, m)
 
@@ -316,7 +316,7 @@ def render_tiles(thread, threads, csg, camera, materials, plan, target, work, se
                 write_image(s, m, row, left, target)
         if secondary is not None:  # noqa: SIM102
             if plan.box == 0:
-                follow(1, csg, materials, work, secondary, terrains)
+                follow(1, m, csg, materials, work, secondary, terrains)
                 for row in range(top, bottom):
                     scatter_row(s, m, (row - top) * m, secondary.colours)
                     clip_row(s, m)

@@ -12,30 +12,50 @@ import math
 import numpy as np
 
 from ..settings import PACKET, TINY
-from .rows import STRIDE, kernel
+from .rows import HIT, STRIDE, kernel
 
 INF = math.inf
-ONE = np.uint64(STRIDE)
-# Packets of a batch, and the place of the bounds of all of it.
-PACKETS = STRIDE // PACKET
+ONE, ZERO = np.uint64(STRIDE), np.uint64(0)
+FULL, HALF = np.uint64(PACKET), np.uint64(PACKET // 2)
+# Packets of a batch at most: all but the last have at least half of PACKET rays. And the place of the bounds of all.
+PACKETS = 2 * STRIDE // PACKET
 WHOLE = PACKETS
 # Bounds of a packet: least and greatest origin, least and greatest direction, and one over these two.
 BOUNDS = 18
+# Parts of Meeting.work, one after another: boxes, low x y z, high x y z, and where each is met first.
+LOW_Y, LOW_Z, HIGH_X, HIGH_Y, HIGH_Z, FIRST = (np.uint64(STRIDE * k) for k in range(1, 7))
+MEETING_PARTS = 7
 
 
 @kernel
-def packets_of(n):
-    """How many packets n rays are."""
-    return (np.int64(n) + PACKET - 1) // PACKET
+def cut(s, n, start):
+    """Where packets of n rays begin, into start, with n behind the last one; how many.
+
+    What leaves one face (HIT) in one way is close together; a packet that spans two faces spans all that lies between
+    the ways of their rays.
+    """
+    packets, first = np.int64(0), ZERO
+    while first < n:
+        start[packets] = first
+        packets += 1
+        last, most = first + HALF, min(first + FULL, n)
+        while last < most and s[HIT + last] == s[HIT + last - np.uint64(1)]:
+            last += np.uint64(1)
+        first = min(last, n)
+    start[packets] = n
+    return packets
 
 
 @kernel
-def bound(s, part, n, bounds, column):
-    """Bounds of vectors ``part`` of every packet and of all, into columns column..column + 5 of bounds."""
+def bound(s, part, batch, bounds, column):
+    """Bounds of vectors ``part`` of every packet and of all, into columns column..column + 5 of bounds.
+
+    batch : Packets
+    """
     for k in range(3):
         bounds[WHOLE, column + k], bounds[WHOLE, column + 3 + k] = INF, -INF
-    for p in range(packets_of(n)):
-        j0, j1 = np.uint64(p * PACKET), min(np.uint64((p + 1) * PACKET), n)
+    for p in range(batch.many[0]):
+        j0, j1 = np.uint64(batch.start[p]), np.uint64(batch.start[p + 1])
         x0, y0, z0, x1, y1, z1 = INF, INF, INF, -INF, -INF, -INF
         for j in range(j0, j1):
             x, y, z = s[part + j], s[part + ONE + j], s[part + ONE + ONE + j]
@@ -50,8 +70,20 @@ def bound(s, part, n, bounds, column):
 
 
 @kernel
-def beams_from(x, y, z, bounds, packets, beams):
+def in_boxes(place, frame):
+    """A place (3,) of the scene frame, in the frame of the boxes."""
+    x, y, z = place[0], place[1], place[2]
+    return (
+        frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z,
+        frame[1, 0] * x + frame[1, 1] * y + frame[1, 2] * z,
+        frame[2, 0] * x + frame[2, 1] * y + frame[2, 2] * z,
+    )
+
+
+@kernel
+def beams_from(place, bounds, packets, beams):
     """Bounds of the rays from one place to the places bounds[:, :6], which they reach at t = 1, into beams."""
+    x, y, z = place
     for i in range(packets + 1):
         p = i if i < packets else WHOLE
         beams[p, 0], beams[p, 1], beams[p, 2] = x, y, z
@@ -70,32 +102,46 @@ def invert_bounds(bounds, packets):
 
 
 @kernel
-def first_places(bounds, p, far, box, first, last, place):
-    """The least t in 0..far at which a ray of packet p may be in a box, INF where none ever is, into place.
+def first_places(bounds, p, far, work, n):
+    """The least t in 0..far at which a ray of packet p may be in each of n boxes, INF where none ever is.
 
-    Boxes first <= k < last are considered. Along every axis two statements have to hold, which bound t from below or
-    above as the sign of the direction is: t * greatest >= low - origin, and t * least <= high - origin.
+    Along every axis two statements have to hold, which bound t from below or above as the sign of the direction is:
+    t * greatest >= low - origin, and t * least <= high - origin.
 
-    bounds : (PACKETS + 1, BOUNDS); box : (6, boxes), low x y z, high x y z
+    bounds : (PACKETS + 1, BOUNDS); work : parts of length STRIDE, six of the boxes and one for the answer
     """
     ox, oy, oz, px, py, pz = bounds[p, 3], bounds[p, 4], bounds[p, 5], bounds[p, 0], bounds[p, 1], bounds[p, 2]
     gx, gy, gz, lx, ly, lz = bounds[p, 15], bounds[p, 16], bounds[p, 17], bounds[p, 12], bounds[p, 13], bounds[p, 14]
     up_x, up_y, up_z, down_x, down_y, down_z = gx > 0.0, gy > 0.0, gz > 0.0, lx < 0.0, ly < 0.0, lz < 0.0
-    for k in range(first, last):
+    for k in range(ZERO, n):
         low, high = 0.0, far
-        t = (box[0, k] - ox) * gx
-        low, high = (t if up_x and t > low else low), (t if not up_x and t < high else high)
-        t = (box[1, k] - oy) * gy
-        low, high = (t if up_y and t > low else low), (t if not up_y and t < high else high)
-        t = (box[2, k] - oz) * gz
-        low, high = (t if up_z and t > low else low), (t if not up_z and t < high else high)
-        t = (box[3, k] - px) * lx
-        low, high = (t if down_x and t > low else low), (t if not down_x and t < high else high)
-        t = (box[4, k] - py) * ly
-        low, high = (t if down_y and t > low else low), (t if not down_y and t < high else high)
-        t = (box[5, k] - pz) * lz
-        low, high = (t if down_z and t > low else low), (t if not down_z and t < high else high)
-        place[k] = low if low <= high else INF
+        t = (work[k] - ox) * gx
+        after, before = (t if up_x else -INF), (INF if up_x else t)
+        low, high = (after if after > low else low), (before if before < high else high)
+        t = (work[LOW_Y + k] - oy) * gy
+        after, before = (t if up_y else -INF), (INF if up_y else t)
+        low, high = (after if after > low else low), (before if before < high else high)
+        t = (work[LOW_Z + k] - oz) * gz
+        after, before = (t if up_z else -INF), (INF if up_z else t)
+        low, high = (after if after > low else low), (before if before < high else high)
+        t = (work[HIGH_X + k] - px) * lx
+        after, before = (t if down_x else -INF), (INF if down_x else t)
+        low, high = (after if after > low else low), (before if before < high else high)
+        t = (work[HIGH_Y + k] - py) * ly
+        after, before = (t if down_y else -INF), (INF if down_y else t)
+        low, high = (after if after > low else low), (before if before < high else high)
+        t = (work[HIGH_Z + k] - pz) * lz
+        after, before = (t if down_z else -INF), (INF if down_z else t)
+        low, high = (after if after > low else low), (before if before < high else high)
+        work[FIRST + k] = low if low <= high else INF
+
+
+@kernel
+def load_boxes(box, chosen, start, n, work):
+    """Boxes chosen[start:start + n] of ``box`` (6, boxes), into the parts of work."""
+    for side in range(np.uint64(6)):
+        for k in range(ZERO, n):
+            work[side * ONE + k] = box[side, chosen[start + np.int64(k)]]
 
 
 @kernel
@@ -109,19 +155,38 @@ def place_in_order(found, order, count, child, near):
 
 
 @kernel
+def may_meet(bounds, node, far, box):
+    """As first_places, of one box of the hierarchy and all packets."""
+    low, high = 0.0, far
+    for axis in range(3):
+        t = (box[axis, node] - bounds[WHOLE, 3 + axis]) * bounds[WHOLE, 15 + axis]
+        if bounds[WHOLE, 15 + axis] > 0.0:
+            low = max(low, t)
+        else:
+            high = min(high, t)
+        t = (box[3 + axis, node] - bounds[WHOLE, axis]) * bounds[WHOLE, 12 + axis]
+        if bounds[WHOLE, 12 + axis] < 0.0:
+            low = max(low, t)
+        else:
+            high = min(high, t)
+        if low > high:
+            return INF
+    return low
+
+
+@kernel
 def children_met(bounds, packets, far, csg, meeting):
     """Children that a batch may meet, from near to far: how many. Meeting : see there, its arrays are filled.
 
     far : the greatest t of the rays; csg : CsgPrograms
     """
-    hierarchy, found, order, box, place = csg.hierarchy, meeting.found, meeting.order, meeting.box, meeting.place
+    hierarchy, found, order, work, place = csg.hierarchy, meeting.found, meeting.order, meeting.work, meeting.place
     invert_bounds(bounds, packets)
     count = np.int64(0)
     node = np.int64(0)
     nodes = hierarchy.child.shape[0]
     while node < nodes:
-        first_places(bounds, WHOLE, far, hierarchy.box, node, node + 1, meeting.at)
-        near = meeting.at[node]
+        near = may_meet(bounds, node, far, hierarchy.box)
         if near == INF:
             node = hierarchy.skip[node]
             continue
@@ -130,9 +195,12 @@ def children_met(bounds, packets, far, csg, meeting):
             place_in_order(found, order, count, child, near)
             count += 1
         node += 1
-    for side in range(6):
-        for k in range(count):
-            box[side, k] = csg.box[side, found[k]]
-    for p in range(packets):
-        first_places(bounds, p, far, box, 0, count, place[p])
+    for start in range(0, count, STRIDE):
+        rest = count - start
+        n = np.uint64(rest if rest < STRIDE else STRIDE)
+        load_boxes(csg.box, found, start, n, work)
+        for p in range(packets):
+            first_places(bounds, p, far, work, n)
+            for k in range(ZERO, n):
+                place[p, start + np.int64(k)] = work[FIRST + k]
     return count

@@ -17,14 +17,17 @@ class Hierarchy(NamedTuple):
 
     Attributes
     ----------
+    frame : (3, 3)
+        Orthogonal: a vector of the scene frame along the axes of the boxes.
     box : (6, nodes)
-        Low x y z, high x y z, metres, scene frame.
+        Low x y z, high x y z, metres, along these axes.
     skip : (nodes,)
         The node after all parts of a node.
     child : (nodes,)
         The child whose box a node is, -1 for boxes of several.
     """
 
+    frame: FloatArray
     box: FloatArray
     skip: IntArray
     child: IntArray
@@ -47,7 +50,7 @@ class CsgPrograms(NamedTuple):
     child_of : (n,)
         The child of each leaf.
     box : (6, c)
-        Bounds of each child in the scene frame: low x y z, high x y z, metres.
+        Bounds of each child along the axes of the hierarchy: low x y z, high x y z, metres.
     hierarchy : Hierarchy
         Over these boxes.
     kind : (n,)
@@ -293,6 +296,37 @@ class Workspace(NamedTuple):
     counts: IntArray
 
 
+class Packets(NamedTuple):
+    """Rays of a batch that are bounded together.
+
+    Attributes
+    ----------
+    start : (PACKETS + 1,)
+        The first ray of each, and the end of the last.
+    many : (1,)
+        How many there are.
+    """
+
+    start: IntArray
+    many: IntArray
+
+
+class Faces(NamedTuple):
+    """Memory for bringing what lies on one face together.
+
+    Attributes
+    ----------
+    number : (codes,)
+        Of each code of a hit that has been found, -1 for all others and whenever nothing is being grouped.
+    code, place : (STRIDE,)
+        Of each number the code, and where its next member goes.
+    """
+
+    number: IntArray
+    code: IntArray
+    place: IntArray
+
+
 class Meeting(NamedTuple):
     """Children that the packets of a batch may meet: the first of each array, as packets.children_met says. c children.
 
@@ -304,17 +338,14 @@ class Meeting(NamedTuple):
         The least length along a ray at which each may be met by any.
     place : (PACKETS, c)
         The same for the rays of each packet, inf where none ever meets it.
-    box : (6, c)
-        Bounds as in CsgPrograms.
-    at : (nodes,)
-        Of the hierarchy's boxes.
+    work
+        The parts of packets.py, one after another.
     """
 
     found: IntArray
     order: FloatArray
     place: FloatArray
-    box: FloatArray
-    at: FloatArray
+    work: FloatArray
 
 
 class SecondaryRayWorkspace(NamedTuple):
@@ -334,8 +365,10 @@ class SecondaryRayWorkspace(NamedTuple):
         Of the packets of the batch, see packets.py.
     open : (PACKETS,)
         How far the rays of each packet may still have something to find; negative when no ray has.
-    lanes : (STRIDE,)
-        Which rays of the batch are looked at closely.
+    lanes, given : (STRIDE,)
+        Which rays of the batch are looked at closely, or in which order; scratch.
+    packets : Packets
+    faces : Faces
     meeting : Meeting
     levels, shadows
         See RenderOptions.
@@ -351,6 +384,9 @@ class SecondaryRayWorkspace(NamedTuple):
     beams: FloatArray
     open: FloatArray
     lanes: IntArray
+    given: IntArray
+    packets: Packets
+    faces: Faces
     meeting: Meeting
     levels: int
     shadows: bool

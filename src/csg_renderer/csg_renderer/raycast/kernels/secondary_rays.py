@@ -11,8 +11,8 @@ import math
 import numpy as np
 
 from ..programs.program import BLOCK, CONE, CYLINDER, INTERSECT, SPHERE, TERRAIN
-from ..settings import NEVER, PACKET, PARALLEL, TINY
-from .packets import beams_from, bound, children_met, packets_of
+from ..settings import BLOCK_COLUMNS, NEVER, PARALLEL, TINY
+from .packets import beams_from, bound, children_met, cut, in_boxes
 from .records import Ray
 from .rows import (
     BLUE,
@@ -61,8 +61,10 @@ IN, OUT, ENTRY_CODE = (np.uint64(STRIDE * k) for k in (55, 57, 59))
 # The leaf whose surface a ray leaves, times LEAF_STEP; ANY_LEAF when it may meet that leaf again.
 ANY_LEAF = -1.0
 FROM = np.uint64(STRIDE * 61)
-BATCH_PARTS = 62
-# A pending ray: origin, direction, weight, level, pixel, leaf that it leaves.
+# The rays in the frame of the boxes: origin and direction; IX is one over the direction.
+BOX_O, BOX_D = np.uint64(STRIDE * 62), np.uint64(STRIDE * 65)
+BATCH_PARTS = 68
+# A pending ray: origin, direction, weight, level, pixel, hit that it leaves.
 RAY_PARTS = 10
 
 
@@ -130,10 +132,33 @@ def ray_of(s, j):
 
 
 @kernel
-def invert_rays(s, n):
-    """One over the directions DX, into IX; zeros give something huge."""
+def turn(s, n, part, frame, into):
+    """Vectors ``part`` of the scene frame, in the frame of the boxes."""
+    a0, a1, a2 = frame[0, 0], frame[0, 1], frame[0, 2]
+    b0, b1, b2 = frame[1, 0], frame[1, 1], frame[1, 2]
+    c0, c1, c2 = frame[2, 0], frame[2, 1], frame[2, 2]
     for j in range(ZERO, n):
-        dx, dy, dz = s[DX + j], s[DX + ONE + j], s[DX + ONE + ONE + j]
+        x, y, z = s[part + j], s[part + ONE + j], s[part + ONE + ONE + j]
+        s[into + j] = a0 * x + a1 * y + a2 * z
+        s[into + ONE + j] = b0 * x + b1 * y + b2 * z
+        s[into + ONE + ONE + j] = c0 * x + c1 * y + c2 * z
+
+
+@kernel
+def begin_at(s, n, csg, secondary):
+    """Make packets of a batch: the origins OX in the frame of the boxes, and their bounds."""
+    batch = secondary.packets
+    batch.many[0] = cut(s, n, batch.start)
+    turn(s, n, OX, csg.hierarchy.frame, BOX_O)
+    bound(s, BOX_O, batch, secondary.bounds, 0)
+
+
+@kernel
+def lead_along(s, n, csg):
+    """The directions DX in the frame of the boxes, and one over them; zeros give something huge."""
+    turn(s, n, DX, csg.hierarchy.frame, BOX_D)
+    for j in range(ZERO, n):
+        dx, dy, dz = s[BOX_D + j], s[BOX_D + ONE + j], s[BOX_D + ONE + ONE + j]
         s[IX + j] = 1.0 / (TINY if dx == 0.0 else dx)
         s[IX + ONE + j] = 1.0 / (TINY if dy == 0.0 else dy)
         s[IX + ONE + ONE + j] = 1.0 / (TINY if dz == 0.0 else dz)
@@ -148,14 +173,14 @@ def meet_box(s, j0, j1, box, child, near, own):
     x0, y0, z0, x1, y1, z1 = box[0, child], box[1, child], box[2, child], box[3, child], box[4, child], box[5, child]
     met = 0
     for j in range(j0, j1):
-        o, i = s[OX + j], s[IX + j]
+        o, i = s[BOX_O + j], s[IX + j]
         a, b = (x0 - o) * i, (x1 - o) * i
         low, high = (a if a < b else b), (b if a < b else a)
-        o, i = s[OX + ONE + j], s[IX + ONE + j]
+        o, i = s[BOX_O + ONE + j], s[IX + ONE + j]
         a, b = (y0 - o) * i, (y1 - o) * i
         c, d = (a if a < b else b), (b if a < b else a)
         low, high = (c if c > low else low), (d if d < high else high)
-        o, i = s[OX + ONE + ONE + j], s[IX + ONE + ONE + j]
+        o, i = s[BOX_O + ONE + ONE + j], s[IX + ONE + ONE + j]
         a, b = (z0 - o) * i, (z1 - o) * i
         c, d = (a if a < b else b), (b if a < b else a)
         low, high = (c if c > low else low), (d if d < high else high)
@@ -166,7 +191,7 @@ def meet_box(s, j0, j1, box, child, near, own):
 
 
 @kernel
-def rays_at(s, n, child, k, csg, secondary):
+def rays_at(s, child, k, csg, secondary):
     """Rays of the packets that may meet the k-th child found and that pass its box: copied to CLOSE; how many.
 
     Their numbers in the batch are in secondary.lanes.
@@ -176,10 +201,11 @@ def rays_at(s, n, child, k, csg, secondary):
     # A single leaf is convex, and what begins on its surface and does not lead into it leaves it for good; what leads
     # into it does not enter it. No leaf has this number where a child has several.
     own = csg.simple[child] * LEAF_STEP if csg.simple[child] >= 0 else -LEAF_STEP
-    for p in range(packets_of(n)):
+    start = secondary.packets.start
+    for p in range(secondary.packets.many[0]):
         if place[p, k] > open_until[p]:
             continue
-        j0, j1 = np.uint64(p * PACKET), min(np.uint64((p + 1) * PACKET), n)
+        j0, j1 = np.uint64(start[p]), np.uint64(start[p + 1])
         if meet_box(s, j0, j1, csg.box, child, departure, own) == 0:
             continue
         for j in range(j0, j1):
@@ -205,32 +231,32 @@ def rays_at(s, n, child, k, csg, secondary):
 def cast_rays(s, n, csg, work, secondary, terrains):
     """The first entries of rays OX, DX beyond the departure: places into BEST, codes into MET (NOTHING on a miss)."""
     bounds, meeting = secondary.bounds, secondary.meeting
-    invert_rays(s, n)
+    begin_at(s, n, csg, secondary)
+    lead_along(s, n, csg)
     for j in range(ZERO, n):
         s[BEST + j], s[MET + j], s[REACH + j] = INF, NOTHING, NEVER
-    bound(s, OX, n, bounds, 0)
-    bound(s, DX, n, bounds, 6)
-    packets = packets_of(n)
+    packets = secondary.packets.many[0]
+    bound(s, BOX_D, secondary.packets, bounds, 6)
     for p in range(packets):
         secondary.open[p] = NEVER
     # From near to far: packets whose rays have all met something nearer are done with a child.
     for k in range(children_met(bounds, packets, NEVER, csg, meeting)):
         child = meeting.found[k]
-        count = rays_at(s, n, child, k, csg, secondary)
+        count = rays_at(s, child, k, csg, secondary)
         if count > ZERO and cast_at(s, count, child, csg, work, secondary) > 0:
-            reach_of_packets(s, n, k, meeting.place, secondary.open)
+            reach_of_packets(s, secondary.packets, k, meeting.place, secondary.open)
     if terrains is not None:
         cast_at_terrains(s, n, csg, secondary, terrains, secondary.departure)
 
 
 @kernel
-def reach_of_packets(s, n, k, place, open_until):
+def reach_of_packets(s, batch, k, place, open_until):
     """The greatest REACH of each packet that may have met the k-th child found, into open_until."""
-    for p in range(packets_of(n)):
+    for p in range(batch.many[0]):
         if place[p, k] > open_until[p]:
             continue
         reach = 0.0
-        for j in range(np.uint64(p * PACKET), min(np.uint64((p + 1) * PACKET), n)):
+        for j in range(np.uint64(batch.start[p]), np.uint64(batch.start[p + 1])):
             reach = max(reach, s[REACH + j])
         open_until[p] = reach
 
@@ -368,12 +394,12 @@ def cast_at_terrains(s, n, csg, secondary, terrains, departure):
 
 
 @kernel
-def light_of_packets(s, n, open_until):
+def light_of_packets(s, batch, open_until):
     """Whether any light passes along a ray of each packet: INF or -1 into open_until; along how many rays of all."""
     total = 0
-    for p in range(packets_of(n)):
+    for p in range(batch.many[0]):
         still = 0
-        for j in range(np.uint64(p * PACKET), min(np.uint64((p + 1) * PACKET), n)):
+        for j in range(np.uint64(batch.start[p]), np.uint64(batch.start[p + 1])):
             still += 1 if s[LIGHT + j] > 0.0 else 0
         open_until[p] = NEVER if still > 0 else -1.0
         total += still
@@ -383,19 +409,24 @@ def light_of_packets(s, n, open_until):
 @kernel
 def arriving_light(s, n, csg, materials, work, secondary, terrains):
     """LIGHT *= transparencies of what rays OX, DX meet before their REACH (the distance less the departure)."""
-    if light_of_packets(s, n, secondary.open) == 0:
+    begin_at(s, n, csg, secondary)
+    if light_of_packets(s, secondary.packets, secondary.open) == 0:
         return
-    bound(s, OX, n, secondary.bounds, 0)
-    bound(s, DX, n, secondary.bounds, 6)
+    lead_along(s, n, csg)
+    bound(s, BOX_D, secondary.packets, secondary.bounds, 6)
     dim(s, n, secondary.bounds, NEVER, csg, materials, work, secondary, terrains)
 
 
 @kernel
 def arriving_from(s, n, light, csg, materials, work, secondary, terrains):
-    """As arriving_light, of a point of light, (3,): its rays diverge from there to where secondary.bounds says."""
-    if light_of_packets(s, n, secondary.open) == 0:
+    """As arriving_light, of a point of light, (3,): its rays diverge from there to where secondary.bounds says.
+
+    The batch must have begun (``begin_at``).
+    """
+    if light_of_packets(s, secondary.packets, secondary.open) == 0:
         return
-    beams_from(light[0], light[1], light[2], secondary.bounds, packets_of(n), secondary.beams)
+    lead_along(s, n, csg)
+    beams_from(in_boxes(light, csg.hierarchy.frame), secondary.bounds, secondary.packets.many[0], secondary.beams)
     dim(s, n, secondary.beams, 1.0, csg, materials, work, secondary, terrains)
 
 
@@ -406,12 +437,11 @@ def dim(s, n, bounds, far, csg, materials, work, secondary, terrains):
     bounds : of their packets; far : the greatest t of the rays there
     """
     departure, meeting = secondary.departure, secondary.meeting
-    invert_rays(s, n)
-    for k in range(children_met(bounds, packets_of(n), far, csg, meeting)):
+    for k in range(children_met(bounds, secondary.packets.many[0], far, csg, meeting)):
         child = meeting.found[k]
-        count = rays_at(s, n, child, k, csg, secondary)
+        count = rays_at(s, child, k, csg, secondary)
         if count > ZERO and dim_by(s, count, child, csg, materials, work, secondary) > 0:
-            light_of_packets(s, n, secondary.open)
+            light_of_packets(s, secondary.packets, secondary.open)
     if terrains is not None:
         for g in range(terrains.leaf.shape[0]):
             leaf = terrains.leaf[g]
@@ -462,7 +492,7 @@ def light_batch(s, n, csg, materials, work, secondary, terrains):
         begin_run(s, first, last, csg, materials, terrains)
         first = last
     if secondary.shadows:
-        bound(s, OX, n, secondary.bounds, 0)
+        begin_at(s, n, csg, secondary)
     for light in range(materials.lights.shape[0]):
         lx, ly, lz = materials.lights[light, 0], materials.lights[light, 1], materials.lights[light, 2]
         for j in range(ZERO, n):
@@ -554,7 +584,7 @@ def light_run_of_batch(s, first, last, materials, light):
 
 @kernel
 def note_leaves(s, n):
-    """The leaves on which the points of a batch lie (HIT), into FROM."""
+    """The leaves on which the places of a batch lie, or which its rays leave (HIT), into FROM."""
     for j in range(ZERO, n):
         hit = s[HIT + j]
         # Odd codes are walls seen from inside, from where rays lead through the solid.
@@ -588,7 +618,7 @@ def branch(s, n, materials, secondary):
             stack[pending, 4] = vy - slope * s[NORMAL + ONE + j]
             stack[pending, 5] = vz - slope * s[NORMAL + ONE + ONE + j]
             stack[pending, 6], stack[pending, 7], stack[pending, 8] = part, s[LEVEL + j] + 1.0, s[PIXEL + j]
-            stack[pending, 9] = s[FROM + j]
+            stack[pending, 9] = s[HIT + j]
             pending += 1
             if way == 1:
                 s[WEIGHT + j] *= 1.0 - clear
@@ -626,11 +656,78 @@ def next_batch(s, csg, materials, work, secondary, terrains):
         slot, ray = np.uint64(i), secondary.stack[pending + i]
         s[OX + slot], s[OX + ONE + slot], s[OX + ONE + ONE + slot] = ray[0], ray[1], ray[2]
         s[DX + slot], s[DX + ONE + slot], s[DX + ONE + ONE + slot] = ray[3], ray[4], ray[5]
-        s[WEIGHT + slot], s[LEVEL + slot], s[PIXEL + slot], s[FROM + slot] = ray[6], ray[7], ray[8], ray[9]
+        s[WEIGHT + slot], s[LEVEL + slot], s[PIXEL + slot], s[HIT + slot] = ray[6], ray[7], ray[8], ray[9]
+    note_leaves(s, np.uint64(count))
     cast_rays(s, np.uint64(count), csg, work, secondary, terrains)
     n = group_by_face(s, np.uint64(count), materials, secondary)
     normals_batch(s, n, csg, materials, terrains)
     return n
+
+
+@kernel
+def group(s, part, secondary, n):
+    """The first n of secondary.lanes that have a hit in ``part``, those of one face together, in order; how many."""
+    faces, lanes, given = secondary.faces, secondary.lanes, secondary.given
+    found = np.int64(0)
+    for i in range(n):
+        given[i] = lanes[i]
+        code = np.int64(s[part + np.uint64(lanes[i])])
+        if code < 0:
+            continue
+        if faces.number[code] < 0:
+            faces.number[code] = found
+            faces.code[found], faces.place[found] = code, 0
+            found += 1
+        faces.place[faces.number[code]] += 1
+    count = np.int64(0)
+    for f in range(found):
+        count, faces.place[f] = count + faces.place[f], count
+    for i in range(n):
+        code = np.int64(s[part + np.uint64(given[i])])
+        if code >= 0:
+            f = faces.number[code]
+            lanes[faces.place[f]] = given[i]
+            faces.place[f] += 1
+    for f in range(found):
+        faces.number[faces.code[f]] = -1
+    return count
+
+
+@kernel
+def permute(s, part, n, lanes):
+    """One part of a batch in the order of lanes."""
+    for k in range(ZERO, n):
+        s[CLOSE + k] = s[part + np.uint64(lanes[k])]
+    for k in range(ZERO, n):
+        s[part + k] = s[CLOSE + k]
+
+
+@kernel
+def arrange(s, n, width, secondary):
+    """Bring visible places that lie close in an image of so many columns together: face by face, in blocks of pixels.
+
+    Places of a batch come row by row; a packet of as many in one row would be wide and flat.
+    """
+    lanes, place, count = secondary.lanes, secondary.faces.place, np.int64(0)
+    blocks = (width + BLOCK_COLUMNS - 1) // BLOCK_COLUMNS
+    for b in range(blocks):
+        place[b] = 0
+    for j in range(ZERO, n):
+        place[np.int64(s[PIXEL + j]) % width // BLOCK_COLUMNS] += 1
+    for b in range(blocks):
+        count, place[b] = count + place[b], count
+    for j in range(ZERO, n):
+        b = np.int64(s[PIXEL + j]) % width // BLOCK_COLUMNS
+        lanes[place[b]] = j
+        place[b] += 1
+    group(s, HIT, secondary, np.int64(n))
+    for axis in range(np.uint64(3)):
+        step = axis * ONE
+        permute(s, OX + step, n, lanes)
+        permute(s, VX + step, n, lanes)
+        permute(s, NORMAL + step, n, lanes)
+    permute(s, PIXEL, n, lanes)
+    permute(s, HIT, n, lanes)
 
 
 @kernel
@@ -639,33 +736,23 @@ def group_by_face(s, count, materials, secondary):
 
     What lies on one face is lit and mirrored alike, in long loops, and its rays lie close in packets.
     """
-    lanes, n = secondary.lanes, ZERO
+    lanes = secondary.lanes
     for j in range(ZERO, count):
-        hit = s[MET + j]
-        if hit < 0.0:
-            continue
-        for i in range(j, count):
-            if s[MET + i] == hit:
-                s[MET + i] = NOTHING
-                lanes[n] = i
-                s[HIT + n] = hit
-                n += np.uint64(1)
-    for j in range(ZERO, count):
-        s[MET + j] = 1.0
+        lanes[j] = j
+        if s[MET + j] < 0.0:
+            pixel = np.uint64(s[PIXEL + j])
+            for channel in range(3):
+                secondary.colours[channel, pixel] += s[WEIGHT + j] * materials.background[channel]
+    n = np.uint64(group(s, MET, secondary, np.int64(count)))
     for k in range(ZERO, n):
         ray = np.uint64(lanes[k])
         t = s[BEST + ray]
+        s[HIT + k] = s[MET + ray]
         for axis in range(np.uint64(3)):
             step = axis * ONE
             s[PX + step + k] = s[OX + step + ray] + t * s[DX + step + ray]
             s[VX + step + k] = s[DX + step + ray]
         s[CLOSE + k], s[CLOSE + ONE + k], s[CLOSE + ONE + ONE + k] = s[WEIGHT + ray], s[LEVEL + ray], s[PIXEL + ray]
-        s[MET + ray] = NOTHING
-    for j in range(ZERO, count):
-        if s[MET + j] > 0.0:
-            pixel = np.uint64(s[PIXEL + j])
-            for channel in range(3):
-                secondary.colours[channel, pixel] += s[WEIGHT + j] * materials.background[channel]
     for k in range(ZERO, n):
         s[OX + k], s[OX + ONE + k], s[OX + ONE + ONE + k] = s[PX + k], s[PX + ONE + k], s[PX + ONE + ONE + k]
         s[WEIGHT + k], s[LEVEL + k], s[PIXEL + k] = s[CLOSE + k], s[CLOSE + ONE + k], s[CLOSE + ONE + ONE + k]
@@ -673,11 +760,15 @@ def group_by_face(s, count, materials, secondary):
 
 
 @kernel
-def follow(least, csg, materials, work, secondary, terrains):
-    """Light the points of the batch, and follow rays of the stack as long as at least ``least`` are there."""
+def follow(least, width, csg, materials, work, secondary, terrains):
+    """Light the points of the batch, and follow rays of the stack as long as at least ``least`` are there.
+
+    width : columns of the area of the image whose places are in secondary.colours
+    """
     s = secondary.batch
     n = np.uint64(secondary.waiting[0])
     secondary.waiting[0] = 0
+    arrange(s, n, width, secondary)
     while n > ZERO or secondary.waiting[1] >= least:
         if work.counts[3] != 0:
             break
@@ -714,7 +805,7 @@ def gather_row(row, m, first, csg, materials, work, secondary, terrains):
         s[HIT + n], s[WEIGHT + n], s[LEVEL + n], s[PIXEL + n] = row[HIT + pixel], 1.0, 1.0, place
         secondary.waiting[0] += 1
         if secondary.waiting[0] == STRIDE:
-            follow(STRIDE, csg, materials, work, secondary, terrains)
+            follow(STRIDE, m, csg, materials, work, secondary, terrains)
 
 
 @kernel

@@ -370,7 +370,7 @@ def take_rays(s, count, space, pending):
             s[OX + step + slot], s[DX + step + slot], s[FILTER + step + slot] = ray[axis], ray[3 + axis], ray[6 + axis]
         s[LEVEL + slot], s[PIXEL + slot] = ray[9], ray[10]
         s[WIDTH + slot], s[SPREAD + slot], s[KEY + slot], s[COUNT + slot] = ray[11], ray[12], ray[13], ray[14]
-        s[FROM + slot] = ANY_LEAF
+        s[FROM + slot], s[HIT + slot] = ANY_LEAF, 0.0
 
 
 @kernel
