@@ -18,6 +18,7 @@ from csg_renderer.features.mesh_outline import compile_steps as mesh_steps
 from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, PinholeCamera, Pose
 from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.steps import CompileStep, run_all
+from msgs_py.numeric.threads import spread_until
 
 from .catalogue.build import indexed_model, write_catalogue
 from .catalogue.candidates import candidates
@@ -38,7 +39,6 @@ from .search.free_scale import match_free
 from .search.pair_search import Candidates, search_pairs
 from .search.parallel_search import search_all_parallel
 from .search.prefilter import prefilter
-from .search.threads import spread_until
 from .settings import ALL_PAIRED, BLOCK, LIBRARY, LOOK_S, LOOKED_AT, NEIGHBOURS, PATIENCE, PERIODIC, SHARES
 from .verification.acceptance import accept
 from .verification.false_alarms import needed_evidence, needed_with_images

@@ -255,29 +255,29 @@ class TrackerNode(ModelNode[TrackerConfig]):
             self._followed.clear()  # the clock was set back: nobody knows how long ago the last frame was
         self._images.keep(stamp, views)
         nearer: list[Sight] = []
-        for followed in sorted(self._followed.values(), key=lambda one: one.depth):
+        poses: dict[str, Pose] = {}
+        for name, followed in sorted(self._followed.items(), key=lambda one: one[1].depth):
             held = followed.tracker.pose is not None
             followed.take(stamp, views, nearer)
-            if followed.tracker.pose is None:
+            last = followed.last
+            if last is None or last.pose is None:
                 self._lost += held
-            elif followed.last is not None:
-                nearer.append(followed.last.presence.sight)
-        self._publish(header)
-        self.done(header)
-
-    def _publish(self, header: Header) -> None:
-        poses: dict[str, Pose] = {}
-        for name, followed in self._followed.items():
-            if followed.last is not None and followed.last.pose is not None:
-                poses[name] = followed.last.pose
-                message = PoseWithCovarianceStamped(header=header)
-                message.pose.pose = pose_to_message(followed.last.pose)
-                message.pose.covariance = followed.last.covariance.ravel()
-                self._pose_out[name].publish(message)
+                continue
+            nearer.append(last.presence.sight)
+            poses[name] = last.pose
+            self._publish(name, last, last.pose, header)  # at once: others take as long again
         self._broadcast(poses, self._models, header)
         if self.wanted(self._report_out):
             status = [_status(name, self._followed.get(name)) for name in self._models]
             self._report_out.publish(DiagnosticArray(header=header, status=status))
+        self.done(header)
+
+    def _publish(self, name: str, last: Tracked, pose: Pose, header: Header) -> None:
+        """The pose of one object."""
+        message = PoseWithCovarianceStamped(header=header)
+        message.pose.pose = pose_to_message(pose)
+        message.pose.covariance = last.covariance.ravel()
+        self._pose_out[name].publish(message)
 
     # -- health ------------------------------------------------------------------------------------------------
 

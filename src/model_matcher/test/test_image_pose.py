@@ -409,6 +409,20 @@ class TestMatching:
         assert result.best is None
         assert all(one.rejected_reason for one in result.rejected)
 
+    @pytest.mark.parametrize('name', ['plug', 'chair'])
+    def test_threads_do_not_change_what_is_found(self, name, monkeypatch):
+        _, _, _, views, rig = rendered('plug', 1)
+        data = recover(*views.images, rig).features
+        solid = next(iter(load_models(name).values()))
+        index = index_model(model_features(solid), name, SolidOutline(solid))
+        told = []
+        for threads in (1, 4):
+            monkeypatch.setattr('msgs_py.numeric.threads.THREADS', threads)
+            result = match(index, data, views=Views.of(views.images, rig))
+            ones = (*result.interpretations, *result.rejected)
+            told.append([(one.evidence, one.support, one.rejected_reason, *one.pose.translation) for one in ones])
+        np.testing.assert_equal(told[1], told[0])
+
     def test_the_time_limit_holds_while_images_are_looked_at(self):
         shape, solid, _, views, rig = rendered('plug', 1)
         data = recover(*views.images, rig).features

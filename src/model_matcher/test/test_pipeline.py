@@ -9,9 +9,9 @@ import pytest
 from model_matcher import MatchParams, match, recognise
 from model_matcher.closed_form.synthetic.scenes import MODELS, chipped_block, l_shape, make_scene, random_pose
 from model_matcher.pipeline import survey, warm_up
-from model_matcher.search.threads import spread_until
 from msgs_py import FeatureSet, Pose
 from msgs_py.numeric.deadline import Deadline
+from msgs_py.numeric.threads import spread_until
 
 
 def close(pose: Pose, truth: Pose, degrees: float, metres: float) -> bool:
@@ -256,7 +256,7 @@ def test_what_no_time_was_left_for_is_named():
 
 
 def test_time_that_an_item_leaves_goes_to_those_after_it(monkeypatch):
-    monkeypatch.setattr('model_matcher.search.threads.THREADS', 1)
+    monkeypatch.setattr('msgs_py.numeric.threads.THREADS', 1)
     given = spread_until(lambda item, seconds: seconds, [0, 1, 2, 3], Deadline(8.0))
     np.testing.assert_allclose(given, [2.0, 8.0 / 3.0, 4.0, 8.0], rtol=0.05)
     assert spread_until(lambda item, seconds: seconds, [0, 1], Deadline(-1.0)) == [0.0, 0.0]

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from msgs_py import FeatureKind, FeatureSet
 from msgs_py.numeric.deadline import Deadline
+from msgs_py.numeric.threads import spread
 from msgs_py.numeric.typed import AnyArray, Float32Array, FloatArray, Int64Array
 
 from ..model.index import ModelIndex, data_tolerances, feature_rows
@@ -22,7 +23,6 @@ from ..model.problem import usable
 from ..model.settings import SEARCH_WIDTH
 from ..params import MatchParams
 from ..search.prefilter import shared_pairs, worth_searching
-from ..search.threads import spread
 from ..verification.settings import CLAIMED
 from .catalogue import Catalogue
 from .lookup import (

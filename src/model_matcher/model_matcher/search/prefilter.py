@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from msgs_py import FeatureSet
 from msgs_py.numeric.deadline import Deadline
+from msgs_py.numeric.threads import spread
 from msgs_py.numeric.typed import FloatArray, Int32Array, IntArray
 
 from ..geometry.features import DataFeatures, ModelFeatures, PairTable
@@ -44,7 +45,6 @@ from .settings import (
     SAMPLE,
     UNDECIDED,
 )
-from .threads import spread
 
 
 def prefilter(

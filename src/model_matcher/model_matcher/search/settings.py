@@ -84,8 +84,3 @@ SCALE_TURNS = 6
 ESTIMATED = 8
 # Squared, in the model's size: matched lines that come this near to one point leave the scale open.
 OPEN_SCALE = 1e-9
-
-# -- threads ---------------------------------------------------------------------------------------------------------
-
-# Threads at most: more than a desktop's memory bandwidth feeds are no faster.
-THREADS = 4

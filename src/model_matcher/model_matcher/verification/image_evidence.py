@@ -18,6 +18,7 @@ import numpy as np
 
 from msgs_py import BIN, Interpretation, Pose
 from msgs_py.numeric.deadline import Deadline
+from msgs_py.numeric.threads import spread
 from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..geometry.pose_rows import as_pose
@@ -121,9 +122,10 @@ def weigh(
     chosen = poses
     if len(poses) > DRAWN:
         # One look at each, as coarse as its steps are, says which to draw in.
-        glances = [
-            -math.inf if deadline.passed else presence(shape, pose, coarse, spacing=GLANCE).log_ratio for pose in poses
-        ]
+        glances = spread(
+            lambda pose: -math.inf if deadline.passed else presence(shape, pose, coarse, spacing=GLANCE).log_ratio,
+            poses,
+        )
         chosen = [poses[k] for k in np.argsort(glances)[::-1][:DRAWN]]
     found: list[Weighed] = []
     for pose in chosen:
@@ -223,15 +225,7 @@ def accepted_by_images(
     -------
     LookedAt
     """
-    weighed: list[Weighed] = []
-    rejected: list[Interpretation] = []
-    for one in hypotheses:
-        if deadline.passed:
-            rejected.append(replace(one, rejected_reason=one.rejected_reason or 'no time was left to look for it'))
-        elif any(_leaves_no_room(other, one, needed) for other in weighed):
-            rejected.append(replace(one, rejected_reason='competes for the same data with one that is seen whole'))
-        else:
-            weighed.append(weigh(problem, shape, one, views, deadline))
+    weighed, rejected = _all_weighed(problem, shape, hypotheses, views, needed, deadline)
     weighed = _with_turns(problem, shape, weighed, views, deadline)
     weighed = [_with_surface(shape, one, views, needed) for one in weighed]
     accepted: list[Interpretation] = []
@@ -254,6 +248,32 @@ def accepted_by_images(
                 )
             )
     return LookedAt(tuple(accepted), (*refused, *rejected), tuple(one.shown for one in taken))
+
+
+def _all_weighed(
+    problem: Problem,
+    shape: Shape,
+    hypotheses: Sequence[Interpretation],
+    views: Views,
+    needed: float,
+    deadline: Deadline,
+) -> tuple[list[Weighed], list[Interpretation]]:
+    """Hypotheses weighed, and those that were not: no time was left, or one that is seen whole has their data."""
+    weighed: list[Weighed] = []
+    rejected: list[Interpretation] = []
+    # The best one often leaves no room for any other; those after it are looked at together.
+    for some in (hypotheses[:1], hypotheses[1:]):
+        with_room = [one for one in some if not any(_leaves_no_room(other, one, needed) for other in weighed)]
+        found = spread(lambda one: None if deadline.passed else weigh(problem, shape, one, views, deadline), with_room)
+        looked_at = dict(zip(map(id, with_room), found))
+        for one in some:
+            if any(_leaves_no_room(other, one, needed) for other in weighed):
+                rejected.append(replace(one, rejected_reason='competes for the same data with one that is seen whole'))
+            elif (seen := looked_at[id(one)]) is None:
+                rejected.append(replace(one, rejected_reason=one.rejected_reason or 'no time was left to look for it'))
+            else:
+                weighed.append(seen)
+    return weighed, rejected
 
 
 def _leaves_no_room(found: Weighed, other: Interpretation, needed: float) -> bool:

@@ -1,4 +1,4 @@
-"""Named numbers of the numeric room: the cache of machine code, medians of normal noise, rounding of covariances."""
+"""Named numbers of the numeric room: cache of machine code, medians of normal noise, covariances, threads."""
 
 from __future__ import annotations
 
@@ -23,3 +23,6 @@ MAD_TO_SIGMA = 1.4826
 PSD_TOLERANCE = 1e-6
 # Stands for a sigma of zero where something is divided by it, in any unit.
 LEAST_SIGMA = 1e-150
+
+# Threads at most: more than a desktop's memory bandwidth feeds are no faster.
+THREADS = 4

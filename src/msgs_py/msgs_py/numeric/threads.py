@@ -1,4 +1,4 @@
-"""Work on several models at once: the compiled loops release the interpreter lock."""
+"""Work on several things at once: compiled loops release the interpreter lock."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
-from msgs_py.numeric.deadline import Deadline
-
+from .deadline import Deadline
 from .settings import THREADS
 
 Item = TypeVar('Item')
