@@ -39,8 +39,11 @@ def recovered_view(solid: Solid, model: FeatureSet, seed: int) -> FeatureSet:
     return recover(view.left, view.right, view.rig).features
 
 
-def rendered_view(solid: Solid, model: FeatureSet, seed: int) -> RenderedView:
-    """A pair of the object alone; the seed decides pose, lights, greys, rig and noise."""
+def rendered_view(solid: Solid, model: FeatureSet, seed: int, samples: int = 2) -> RenderedView:
+    """A pair of the object alone; the seed decides pose, lights, greys, rig and noise.
+
+    samples : a pixel is the mean of so many squared
+    """
     rng = np.random.default_rng([seed, 31])
     low, high = model.start.min(axis=0), model.start.max(axis=0)
     distance = float(np.linalg.norm(high - low)) * rng.uniform(*DISTANCES)
@@ -55,6 +58,6 @@ def rendered_view(solid: Solid, model: FeatureSet, seed: int) -> RenderedView:
     scene = Scene([solid.transformed(pose)], lights, (rng.uniform(0.1, 0.3),) * 3, (rng.uniform(0.0, 0.7),) * 3)
     left, right = (
         SensorModel(0.5, 2.0, (seed, eye)).apply(grey(frame.image))
-        for eye, frame in enumerate(render_stereo(scene, rig, antialias=2))
+        for eye, frame in enumerate(render_stereo(scene, rig, antialias=samples))
     )
     return RenderedView(left, right, rig, pose)

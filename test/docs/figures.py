@@ -235,6 +235,7 @@ def _ms(value: float | None) -> str:
 
 
 README, IMAGES = ROOT / 'README.md', ROOT / 'src' / 'model_matcher' / 'docs' / 'images.md'
+MATCHER = ROOT / 'src' / 'model_matcher' / 'README.md'
 CAMERA = ROOT / 'src' / 'csg_renderer' / 'docs' / 'camera.md'
 
 
@@ -262,6 +263,26 @@ def effects() -> str:
     return f'{table(list(keys.values()), rows)}\n\n{paragraph(record.source + ".")}'
 
 
+def covariances() -> str:
+    """Squared errors of poses in units of the stated covariance, by model, by features alone and in the images."""
+    record = read('covariances')
+    models = list(dict.fromkeys(name.split(',')[0] for name in record.figures))
+    rows = []
+    for model in models:
+        cells = []
+        for way in ('features', 'images'):
+            one = record.figures[f'{model}, {way}']
+            cells += [
+                f'{one["mean"]:.1f}',
+                f'{one["median"]:.1f}',
+                f'{100 * one["inside"]:.0f} %',
+                f'{one["ks_p"]:.2g}',
+            ]
+        rows.append([f'`{model}`, {record.figures[f"{model}, features"]["poses"]:.0f} poses', *cells])
+    head = ['features: mean (6)', 'median (5.3)', 'inside (95 %)', 'KS p', 'images: mean', 'median', 'inside', 'KS p']
+    return f'{table(head, rows)}\n\n{paragraph(record.source + ".")}'
+
+
 BLOCKS: dict[str, tuple[Path, Callable[[], str]]] = {
     'views': (README, views),
     'renderer': (README, renderer),
@@ -269,6 +290,7 @@ BLOCKS: dict[str, tuple[Path, Callable[[], str]]] = {
     'pictures': (README, pictures),
     'limits': (README, limits),
     'found': (IMAGES, found_in_pictures),
+    'covariances': (MATCHER, covariances),
     'effects': (CAMERA, effects),
 }
 

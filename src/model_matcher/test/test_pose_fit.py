@@ -15,7 +15,7 @@ from model_matcher.geometry.features import FeatureRows
 from model_matcher.geometry.settings import OUTLYING_CURVE, OUTLYING_LINE
 from model_matcher.geometry.weighted_fit import weighted_fit
 from model_matcher.model.index import feature_rows, index_model
-from model_matcher.verification.pose_fit import variance_factor
+from model_matcher.verification.settings import STATED_WORTH
 from msgs_py import FeatureKind, FeatureSet, Pose
 
 POSES = 100
@@ -67,13 +67,14 @@ def test_the_pose_is_better_than_by_bounds_alone_and_the_same_in_any_frame():
     assert np.median(by_covariance) < 0.6 * np.median(by_bounds)
 
 
-def test_understated_errors_are_found_out_and_a_gross_one_hardly_counts():
+def test_errors_of_another_size_are_found_out_and_a_gross_one_hardly_counts():
     model, rng = chipped_block(), np.random.default_rng(3)
     truth = random_pose(rng, 0.03)
     data = measured(model, truth, rng, 1e-4, 3e-4, visible=1.0)
     best = match(model, data).best
-    bold = match(model, replace(data, covariance=data.covariance / 16.0)).best
-    assert np.trace(bold.covariance) == pytest.approx(np.trace(best.covariance), rel=0.5)
+    for factor in (1 / 16, 16.0):
+        other = match(model, replace(data, covariance=factor * data.covariance)).best
+        assert np.trace(other.covariance) == pytest.approx(np.trace(best.covariance), rel=0.5)
     # One edge a millimetre beside its place, known as well as the others.
     start, end = data.start.copy(), data.end.copy()
     side = np.cross(data.directions[0], [0.0, 0.0, 1.0])
@@ -100,9 +101,8 @@ def test_a_fit_is_the_least_squares_of_whitened_residuals():
     data = FeatureSet(model.kind, start, end, model.radii, np.zeros(6), np.zeros(6))
     motion = np.append(np.eye(3).ravel(), np.zeros(3))
     features = FeatureRows(feature_rows(data), data.kind)
-    fit = weighted_fit(
-        motion, feature_rows(model), features, covariance, np.arange(6, dtype=np.int32), np.ones(6, np.int8)
-    )
+    assignment, sign = np.arange(6, dtype=np.int32), np.ones(6, np.int8)
+    fit = weighted_fit(motion, feature_rows(model), features, covariance, assignment, sign, 3.0)
     turn, shift = motion[:9].reshape(3, 3), motion[9:]
 
     def squares(step: np.ndarray) -> float:
@@ -121,19 +121,37 @@ def test_a_fit_is_the_least_squares_of_whitened_residuals():
                 rows = np.kron(np.eye(2), flat)
                 residual = rows @ np.concatenate([data.start[k] - m, data.end[k] - m])
             value = residual @ np.linalg.solve(rows @ covariance[k] @ rows.T, residual)
-            assert value < (OUTLYING_CURVE if curve[k] else OUTLYING_LINE)
+            assert value < (OUTLYING_CURVE if curve[k] else OUTLYING_LINE) * fit.scale
             total += value
         return total
 
     least = squares(np.zeros(6))
-    assert fit.squares == pytest.approx(least, rel=1e-6) and fit.residuals == 4 * 4 + 2 * 5
-    assert variance_factor(fit, True) == 1.0
+    residuals = 4 * 4 + 2 * 5
+    assert fit.scale == pytest.approx((3.0 + least) / (3.0 + residuals - 6), rel=1e-6)
+    alone = weighted_fit(motion.copy(), feature_rows(model), features, covariance, assignment, sign, 0.0)
+    assert alone.scale == pytest.approx(least / (residuals - 6), rel=1e-6)
     for k in range(6):
         step = np.zeros(6)
         step[k] = 0.3 / np.sqrt(fit.normal[k, k])
         rise = [squares(sign * step) - least for sign in (1.0, -1.0)]
         assert min(rise) > 0.0
         assert np.mean(rise) == pytest.approx(0.09, rel=0.05)
+
+
+def test_few_residuals_leave_the_covariances_their_word():
+    """Of three edges six residuals are left over: what they show weighs against what two say for the stated errors."""
+    model = chipped_block()
+    truth = Pose.from_rotation_vector([0.3, -0.4, 0.2], [0.01, 0.0, 0.3])
+    exact = replace(model.transformed(truth), covariance=np.tile(1e-8 * np.eye(6), (len(model), 1, 1)))
+    features = FeatureRows(feature_rows(exact), exact.kind)
+    motion = np.append(truth.rotation.ravel(), truth.translation)
+    for count in (3, 8, len(model)):
+        assignment = np.where(np.arange(len(model)) < count, np.arange(len(model)), -1).astype(np.int32)
+        sign = np.ones(len(model), np.int8)
+        fit = weighted_fit(
+            motion.copy(), feature_rows(model), features, exact.covariance, assignment, sign, STATED_WORTH
+        )
+        assert fit.scale == pytest.approx(STATED_WORTH / (STATED_WORTH + 4 * count - 6), rel=1e-6)
 
 
 def test_data_of_no_error_at_all_has_a_pose():

@@ -16,7 +16,7 @@ from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 from .features import CURVE, FeatureRows
 from .least_squares import cholesky, damp, solve6
 from .rigid_motion import compose_small, perpendiculars, transform_line
-from .settings import CONVERGED, HUBER_STEPS, MOST_STEPS, OUTLYING_CURVE, OUTLYING_LINE
+from .settings import CONVERGED, HUBER_STEPS, MOST_STEPS, NOT_ZERO, OUTLYING_CURVE, OUTLYING_LINE
 
 
 class Fit(NamedTuple):
@@ -28,18 +28,15 @@ class Fit(NamedTuple):
         Normal matrix of the fit about ``centre``, rotation before translation: the inverse of its covariance.
     centre : (3,) float64
         Metres, camera frame: the middle of the matched data.
-    squares : float
-        Sum of the squared residuals in sigmas, outliers counted as they weigh.
-    residuals : int
-        How many there are: four of a line, five of a curve.
+    scale : float
+        What the covariances are to be multiplied by, as their residuals show, outliers left out.
     rms : float
         Metres, root mean square of the distances of end points from their model features.
     """
 
     normal: FloatArray
     centre: FloatArray
-    squares: float
-    residuals: int
+    scale: float
     rms: float
 
 
@@ -154,12 +151,14 @@ def weighted_fit(
     covariances: FloatArray,
     assignment: Int32Array,
     sign: Int8Array,
+    worth: float,
 ) -> Fit:
     """Fit a pose to the data assigned to it, each feature by its covariance, in place.
 
     Both ends of an edge or axis lie on the model's line, anywhere along it; a curve's centre and normal on the model's.
-    A feature farther off than its covariance has it in one of a thousand counts less, the more the farther: by Huber's
-    weights until the pose is near, then by its square, so that a wrong one adds a constant.
+    A feature farther off than one of a thousand is counts less, the more the farther: by Huber's weights until the pose
+    is near, then by its square, so that a wrong one adds a constant. How far off one of a thousand is, the others say:
+    covariances are known up to a common factor, the same for all, whose most likely value is found with the pose.
 
     Parameters
     ----------
@@ -175,6 +174,8 @@ def weighted_fit(
         The model feature of each data feature, negative for none.
     sign : (n,) int8
         1 or -1, whether the normals of curves agree.
+    worth : float
+        Residuals that the covariances' own word about that factor, which is one, is worth; 0 for none.
 
     Returns
     -------
@@ -195,10 +196,11 @@ def weighted_fit(
             for i in range(3):
                 centre[i] += data.rows[k, i]
     centre /= max(matched, 1)
-    total, residuals, rms = 0.0, 0, 0.0
+    scale, rms = 1.0, 0.0
     for turn in range(MOST_STEPS):
         normal[:], right[:] = 0.0, 0.0
         total, residuals, points, distances = 0.0, 0, 0, 0.0
+        near = turn >= HUBER_STEPS
         for k in range(len(assignment)):
             if assignment[k] < 0:
                 continue
@@ -211,15 +213,16 @@ def weighted_fit(
             d2 = 0.0
             for i in range(count):
                 d2 += block[i, 6] * block[i, 6]
-            limit = OUTLYING_CURVE if is_curve else OUTLYING_LINE
-            weight = 1.0 if d2 <= limit else np.sqrt(limit / d2) if turn < HUBER_STEPS else limit / d2
+            limit = (OUTLYING_CURVE if is_curve else OUTLYING_LINE) * scale
+            weight = 1.0 if d2 <= limit else limit / d2 if near else np.sqrt(limit / d2)
             for i in range(count):
                 for p in range(6):
                     right[p] += weight * block[i, p] * block[i, 6]
                     for q in range(p + 1):
                         normal[p, q] += weight * block[i, p] * block[i, q]
-            total += weight * d2
-            residuals += count
+            if d2 <= limit:
+                total += d2
+                residuals += count
             points += of_points
             distances += squares
         rms = np.sqrt(distances / max(points, 1))
@@ -229,9 +232,11 @@ def weighted_fit(
         if not solve6(damped, right, step):
             break
         compose_small(motion, centre, step)
-        if turn >= HUBER_STEPS and (step * right).sum() < CONVERGED:
-            break
+        if near:
+            before, scale = scale, max((worth + total) / max(worth + residuals - 6, 1.0), NOT_ZERO)
+            if max((step * right).sum() * before, (scale - before) ** 2) < CONVERGED * before**2:
+                break
     for p in range(6):
         for q in range(p):
             normal[q, p] = normal[p, q]
-    return Fit(normal, centre, total, residuals, rms)
+    return Fit(normal, centre, scale, rms)

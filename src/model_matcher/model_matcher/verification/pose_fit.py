@@ -1,8 +1,8 @@
 """The last fit of a pose and its covariance: one weighted least squares, every data feature by its own covariance.
 
-Features that state a covariance weigh by it. Of the others the bounds say how uncertain they are relative to each other
-(and the residuals, how much worse they are along the line of sight, see :mod:`.line_of_sight`); how uncertain at all,
-the residuals say.
+Features that state a covariance weigh by it; how large all errors of a picture are, its residuals say as well, and the
+more, the more there are. Of the others the bounds say how uncertain they are relative to each other (and the residuals,
+how much worse they are along the line of sight, see :mod:`.line_of_sight`); how uncertain at all, the residuals alone.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int8Array, Int32Array
 
 from ..geometry.features import CURVE, DataFeatures, FeatureRows, ModelFeatures
 from ..geometry.least_squares import covariances as pose_covariances
-from ..geometry.weighted_fit import Fit, weighted_fit
+from ..geometry.weighted_fit import weighted_fit
 from ..model.problem import Problem
 from ..model.settings import EXACT
 from ..params import MatchParams
 from .line_of_sight import sight_ratio
-from .settings import MORE_THAN_STATED
+from .settings import STATED_WORTH
 
 
 class StatedErrors(NamedTuple):
@@ -131,8 +131,8 @@ def _fit_all(
             ratio = sight_ratio(motion.copy(), model, data, assignment, sign) if by_sight[c] else 1.0
             covariance = errors.covariance.copy()
             assume(covariance, errors.known, data, assignment, ratio)
-        fit = weighted_fit(motion, model.rows, rows, covariance, assignment, sign)
-        normals[c], factors[c], rms[c] = fit.normal, variance_factor(fit, stated), fit.rms
+        fit = weighted_fit(motion, model.rows, rows, covariance, assignment, sign, STATED_WORTH if stated else 0.0)
+        normals[c], factors[c], rms[c] = fit.normal, fit.scale, fit.rms
         for i in range(3):
             levers[c, i] = motion[9 + i] - fit.centre[i]
 
@@ -179,24 +179,3 @@ def assume(covariance: FloatArray, known: BoolArray, data: DataFeatures, assignm
                 if deep > 0.0:
                     for j in range(3):
                         covariance[k, 3 * end + i, 3 * end + j] += deep * sight[i] * sight[j] / far
-
-
-@njit
-def variance_factor(fit: Fit, stated: bool) -> float:
-    """What the covariance of a fit is multiplied by: 1, where the stated errors explain the residuals.
-
-    Squared residuals that are larger than MORE_THAN_STATED sigma of chi squared say by how much all errors are larger
-    (Birge's ratio). Where no covariances are stated, they alone say it.
-
-    Parameters
-    ----------
-    fit : Fit
-    stated : bool
-        All matched features state their covariances.
-
-    """
-    freedom = max(fit.residuals - 6, 1)
-    ratio = fit.squares / freedom
-    if stated and ratio < 1.0 + MORE_THAN_STATED * np.sqrt(2.0 / freedom):
-        return 1.0
-    return ratio

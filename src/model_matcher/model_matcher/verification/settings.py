@@ -35,9 +35,10 @@ ALONG_SIGHT_SINE = 0.05
 
 # -- the last fit ----------------------------------------------------------------------------------------------------
 
-# In sigmas of chi squared: residuals that are so much larger than covariances have them say how much larger errors are.
-# [D] one search in a thousand
-MORE_THAN_STATED = 3.0
+# Residuals that covariances' own word of how large errors are is worth. [P] The factor that f residuals show is then of
+# Fisher's F distribution of f and so many degrees of freedom, most likely over the poses of rendered pairs
+# (bench_covariances.py) and of those of cameras and a path tracer (bench_poses.py --images off), which count alike.
+STATED_WORTH = 1.5
 
 # -- coincidences ----------------------------------------------------------------------------------------------------
 
