@@ -142,6 +142,15 @@ def test_absence_is_not_proven_where_a_pose_explains_enough():
     assert result or 'explain' in result.stats['unproven']
 
 
+def test_absence_is_proven_where_a_pose_explains_one_less_than_enough():
+    model = MODELS['l_shape']()
+    data = model.select(np.arange(4)).transformed(Pose.from_rotation_vector([0.2, 0.1, -0.3], [0.02, 0.0, 0.3]))
+    result = match(model, data, MatchParams(prove=True, min_matched=5))
+    assert not result and result.absent and 0.0 < result.stats['proof_seconds'] < 60.0
+    explains_four = match(model, data, MatchParams(prove=True, min_matched=4, false_alarm_rate=1.0))
+    assert not explains_four.absent and explains_four.best.matched == 4 and explains_four.best.proven
+
+
 def test_data_of_free_scale_is_not_proven():
     model = MODELS['l_shape']()
     proof = prove(index_model(model, 'l'), model, 3, MatchParams(scale='free'))

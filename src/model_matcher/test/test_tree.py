@@ -5,7 +5,7 @@ import pytest
 
 from model_matcher import MatchParams, index_model, match
 from model_matcher.closed_form.synthetic.scenes import MODELS, make_scene, random_pose
-from model_matcher.interpretation_tree.cores import core_numbers, largest_core
+from model_matcher.interpretation_tree.cores import _withdraw, core_numbers, largest_core
 from model_matcher.interpretation_tree.ordering import order_pairs
 from model_matcher.interpretation_tree.serial import serial_search
 from model_matcher.interpretation_tree.signs import apply_code, relate, set_sign, unknown_signs
@@ -76,6 +76,26 @@ def states(signs):
         else:
             names.append('U' if root == k else f'{sign}{root}')
     return names
+
+
+def test_the_pair_that_leads_a_group_has_the_fewest_matches_of_that_group():
+    pairs = np.array([[0, 1], [0, 2], [1, 2], [0, 3], [1, 3], [2, 3]])
+    assert order_pairs(pairs, [5, 9, 8, 7, 1, 6], 'consistency_grouped').tolist() == [0, 2, 1, 4, 3, 5]
+    assert order_pairs(pairs, [5, 9, 8, 7, 1, 6], 'combined').tolist() == [4, 0, 2, 1, 5, 3]
+
+
+@pytest.mark.parametrize('removed_first', [0, 1, 2])
+def test_what_is_removed_takes_its_support_from_all_others(removed_first):
+    """Three data features on one model feature, all consistent: two are no interpretation of three."""
+    code, counts = np.ones((3, 1, 1), np.uint8), np.ones((3, 1, 3), np.int32)
+    support, removed = np.full((3, 1), 2, np.int32), np.zeros((3, 1), bool)
+    removed[removed_first] = True
+    stack = np.zeros((3, 2), np.int32)
+    others = [b for b in range(3) if b != removed_first]
+    assert _withdraw(removed_first, 0, 3, code, counts, support, removed, stack, 0) == 2
+    assert stack[:2, 0].tolist() == others and removed.all()
+    assert [support[b, 0] for b in others] == [1, 1] and support[removed_first, 0] == 2
+    assert [counts[b, 0, removed_first] for b in others] == [0, 0] and counts.sum() == 7
 
 
 def test_the_five_sign_states():
