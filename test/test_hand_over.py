@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 
 from msgs_py.codecs import array_to_image, image_to_array
+from msgs_py.node_runtime.adapted import Adapted
 from msgs_py.node_runtime.config import Config
 from msgs_py.node_runtime.hand_over import HandOver
 from msgs_py.node_runtime.runtime import GraphNode
@@ -62,6 +63,44 @@ def test_what_a_node_publishes_goes_to_the_others_as_it_is_and_to_the_network(pa
     first.out.publish(String(data='again'))
     graph.spin_until(lambda: heard and len(second.words) == 2)
     assert heard[0].data == 'again' and heard[0] is not second.words[1]
+
+
+def test_a_value_is_handed_over_as_it_is_and_made_a_message_once_for_who_asks(pair):
+    graph, _, (first, second) = pair
+    made, values = [], []
+
+    def to_message(value, header):
+        made.append(value)
+        return String(data=f'{value} at {header.stamp.sec}')
+
+    def given(number):
+        header = Header()
+        header.stamp.sec = number
+        return Adapted(number, header, to_message)
+
+    second.trigger_deactivate()
+    first.destroy_subscription(first._inputs.pop())
+    first.listen(String, 'said_by_first', values.append, adapted=True)
+    one = given(1)
+    first.give(first.out, one)
+    graph.spin_until(lambda: values)
+    assert values == [one] and not made  # nobody has asked for a message
+    second.trigger_activate()
+    heard = graph.collect(String, 'said_by_first')
+    graph.wait_heard('/said_by_first')
+    first.give(first.out, given(2))
+    graph.spin_until(lambda: heard and second.words and len(values) == 2)
+    assert values[1].value == 2 and made == [2]
+    assert heard[0].data == second.words[0].data == '2 at 2'
+
+
+def test_without_a_hand_over_a_value_goes_as_a_message(graph):
+    node = graph.add(Watcher)
+    heard = graph.collect(String, 'said_by_watcher')
+    graph.wait_heard('/said_by_watcher')
+    node.give(node.out, Adapted('word', Header(), lambda value, header: String(data=value)))
+    graph.spin_until(lambda: heard)
+    assert heard[0].data == 'word'
 
 
 def test_a_slow_node_takes_the_newest_counts_the_rest_and_keeps_no_other_waiting(pair):

@@ -46,6 +46,8 @@ def test_images_alone_lead_to_a_followed_object(tmp_path):
     rclpy.init(args=['--ros-args', '--params-file', str(parameters)], context=context, domain_id=70 + worker % 8)
     together = Recognition(context)
     recovery, matcher, tracker = together.nodes
+    # What hands something over to these calls them; the tracker, which works in its turns, is left to its executor.
+    assert [node.inbox.turn is not None for node in together.nodes] == [True, True, False]
     assert (recovery.config.sigma, matcher.config.min_matched, tracker.config.acceleration) == (0.9, 4, 3.0)
     camera, executor = Node('camera', context=context), SingleThreadedExecutor(context=context)
     executor.add_node(camera)

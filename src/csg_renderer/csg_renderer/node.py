@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import time
 from dataclasses import dataclass
@@ -83,7 +82,6 @@ class RendererNode(GraphNode[RendererConfig]):
         self._pair_index = 0
         self._timer: Timer | None = None
         self._picture: Picture | None = None
-        self._rendered = self.create_guard_condition(self._on_rendered)
         self._trusted = TrustedFolders(
             [*self.config.scene_folders, models_folder()], [self.config.scene], 'scene_folders'
         )
@@ -251,13 +249,9 @@ class RendererNode(GraphNode[RendererConfig]):
         )
         self._picture = picture
         picture.job = Background(
-            lambda: rendered(scene, rig, config, picture.number, wanted, picture.stop), self._wake_renderer
+            lambda: rendered(scene, rig, config, picture.number, wanted, picture.stop),
+            lambda: self.inbox.put(self._on_rendered),
         )
-
-    def _wake_renderer(self) -> None:
-        """Called by the thread that renders; the node may be gone by then."""
-        with contextlib.suppress(Exception):
-            self._rendered.trigger()
 
     def _look_at_the_clock(self) -> None:
         """Stop what is late; take what is done, should its guard condition have been overheard."""

@@ -165,7 +165,8 @@ class AnsweringNode(ModelNode[_A]):
     # -- answers -----------------------------------------------------------------------------------------------
 
     def _publish(self, result: MatchResult, header: Any) -> None:
-        """Say what was found, with the header of the data."""
+        """Say what was found, with the header of the data: poses first, for somebody waits for them."""
+        self._array_out.publish(poses_to_array([one.pose for one in result.interpretations], header))
         best: dict[str, Interpretation] = {}
         for one in result.interpretations:
             best.setdefault(one.model, one)
@@ -181,7 +182,6 @@ class AnsweringNode(ModelNode[_A]):
         self._report_out.publish(report_from_interpretations(every, header, instances))
         if self.wanted(self._markers_out):
             self._markers_out.publish(self._markers(result, header))
-        self._array_out.publish(poses_to_array([one.pose for one in result.interpretations], header))
 
     def _markers(self, result: MatchResult, header: Any) -> MarkerArray:
         """Wire frames of what was accepted; the array begins by deleting the last ones."""

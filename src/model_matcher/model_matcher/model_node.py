@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -61,7 +60,6 @@ class ModelNode(GraphNode[_C]):
         self._library = Library((), (), {})
         self._catalogue: Catalogue | None = None
         self._checking: Background[None] | None = None
-        self._checked = self.create_guard_condition(self._on_checked)
         self._transforms_out: Publisher | None = None
         self._transforms_type = transform_message_type()
         self._trusted = TrustedFolders(
@@ -111,18 +109,13 @@ class ModelNode(GraphNode[_C]):
             problems.append(f'{indexes[0]}: an index goes alone; the others are left out')
         try:
             self._catalogue = open_catalogue(path, share, check=False)
-            self._checking = Background(self._catalogue.check, self._wake_when_checked)
+            self._checking = Background(self._catalogue.check, lambda: self.inbox.put(self._on_checked))
         except (OSError, ValueError) as error:
             problems.append(str(error))
         self._library = Library((), tuple(problems), {path: changed_at(path)})
         for problem in problems:
             self.problem(f'models: {problem}')
         return True
-
-    def _wake_when_checked(self) -> None:
-        """Called by the thread that has compared the checksums; the node may be gone by then."""
-        with contextlib.suppress(Exception):
-            self._checked.trigger()
 
     def _on_checked(self) -> None:
         """An index that turns out to be damaged is used no longer."""

@@ -13,6 +13,7 @@ from std_msgs.msg import Header
 
 from msgs_py import FeatureSet
 from msgs_py.codecs import cloud_to_features
+from msgs_py.node_runtime.adapted import Adapted
 from msgs_py.node_runtime.beside import CHANGED_GRACE_S, ENDING_S, Beside
 from msgs_py.node_runtime.camera_input import CameraImages, CameraTopics, cameras_parameter
 from msgs_py.node_runtime.config import parameter
@@ -146,13 +147,15 @@ class Recovered(NamedTuple):
 class MatcherNode(AnsweringNode[MatcherConfig]):
     """Publishes what it recognises in every ``features`` message; an empty PoseArray when that is nothing."""
 
+    brief = True
+
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('matcher_node', MatcherConfig, **kwargs)
         self._reason = ''
         self._params = self.config.match_params()
         self._search = Beside(self, 'features', self._begin, self._finish)
         self._images = ViewMemory()
-        self._waiting: tuple[PointCloud2, float] | None = None
+        self._waiting: tuple[PointCloud2 | Adapted[FeatureSet], float] | None = None
         self._seen = 0
         self.start()
 
@@ -174,7 +177,7 @@ class MatcherNode(AnsweringNode[MatcherConfig]):
         """Subscribe, and say what is latched."""
         self._answers.tell_symmetries()
         self.listen_images(CameraTopics.of(self.config, self.config.cameras), self._on_images, optional=True)
-        self.listen(PointCloud2, 'features', self._on_features)
+        self.listen(PointCloud2, 'features', self._on_features, adapted=True)
         self.every(WAIT_FOR_IMAGES_S, self._wait_no_longer, clock=self._steady_clock)
 
     def deactivate(self) -> None:
@@ -243,7 +246,7 @@ class MatcherNode(AnsweringNode[MatcherConfig]):
         if self._waiting is not None and stamp >= stamp_ns(self._waiting[0].header):
             self._answer_waiting()
 
-    def _on_features(self, message: PointCloud2) -> None:
+    def _on_features(self, message: PointCloud2 | Adapted[FeatureSet]) -> None:
         """Features, with the images of their stamp; they wait a moment when images come that are not there yet."""
         self._answer_waiting()
         newest = self._images.newest
@@ -263,10 +266,11 @@ class MatcherNode(AnsweringNode[MatcherConfig]):
             (message, _), self._waiting = self._waiting, None
             self.attempt('features', self._take, message)
 
-    def _take(self, message: PointCloud2) -> None:
+    def _take(self, message: PointCloud2 | Adapted[FeatureSet]) -> None:
         """Search in features now, or when the search that is under way is done."""
         views = self._images.at(stamp_ns(message.header)) if self.config.use_images else None
-        self._search.take(Recovered(message.header, cloud_to_features(message), views))
+        data = message.value if isinstance(message, Adapted) else cloud_to_features(message)
+        self._search.take(Recovered(message.header, data, views))
 
     def _begin(self, recovered: Recovered, deadline: Deadline) -> Callable[[], MatchResult]:
         """A search by the models and parameters of now."""

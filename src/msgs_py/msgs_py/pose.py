@@ -7,6 +7,7 @@ A :class:`Pose` named ``camera_T_model`` takes points of the model frame to the 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -167,9 +168,20 @@ class Pose:
 
     @property
     def quaternion(self) -> FloatArray:
-        """The unit quaternion, (4,) float64, in the order of ROS (x, y, z, w), w >= 0."""
-        q: FloatArray = rotations().from_matrix(self.rotation).as_quat()
-        return -q if q[3] < 0 else q
+        """The unit quaternion, (4,) float64, in the order of ROS (x, y, z, w), w >= 0 (Shepperd 1978)."""
+        m = self.rotation.tolist()
+        trace = m[0][0] + m[1][1] + m[2][2]
+        # Four times the squares of the components, less 1: by the largest of them the others are divided.
+        squares = [2.0 * m[k][k] - trace for k in range(3)] + [trace]
+        i = squares.index(max(squares))
+        j, k = (i + 1) % 3, (i + 2) % 3
+        q = np.empty(4)
+        if i == 3:
+            q[:] = m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1], 1.0 + trace
+        else:
+            q[[i, j, k, 3]] = 1.0 + squares[i], m[j][i] + m[i][j], m[k][i] + m[i][k], m[k][j] - m[j][k]
+        q /= -math.sqrt(q @ q) if q[3] < 0.0 else math.sqrt(q @ q)
+        return q
 
     @property
     def rotation_vector(self) -> FloatArray:

@@ -44,6 +44,13 @@ class TestPose:
         assert np.allclose(Pose.from_quaternion(pose.quaternion, pose.translation).matrix, pose.matrix, atol=1e-12)
         assert np.allclose(Pose.from_matrix(pose.matrix).matrix, pose.matrix, atol=1e-9)
 
+    @pytest.mark.parametrize('axis', [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.6, 0, 0.8), (-0.48, 0.6, -0.64)])
+    @pytest.mark.parametrize('angle', [0.0, 1e-9, 1.0, np.pi - 1e-9, np.pi + 1e-9, 5.0])
+    def test_the_quaternion_is_that_of_axis_and_angle(self, angle, axis):
+        half = np.array([*(np.sin(angle / 2) * np.array(axis)), np.cos(angle / 2)])
+        quaternion = Pose.from_rotation_vector(angle * np.array(axis)).quaternion
+        assert np.allclose(quaternion, half * np.sign(half[3]), atol=1e-15, rtol=0) and quaternion[3] >= 0.0
+
     @pytest.mark.parametrize('axis', [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.6, 0, 0.8)])
     @pytest.mark.parametrize('angle', [1e-10, 1e-3, 1.0, np.pi - 1e-9])
     def test_error_is_the_angle_and_the_distance(self, angle, axis):

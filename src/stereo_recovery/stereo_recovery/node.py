@@ -16,6 +16,7 @@ from visualization_msgs.msg import MarkerArray
 from msgs_py import FeatureKind, PinholeCamera, Pose, StereoRig
 from msgs_py.camera import ImageWindow
 from msgs_py.codecs import array_to_image, features_to_cloud, features_to_markers
+from msgs_py.node_runtime.adapted import Adapted
 from msgs_py.node_runtime.beside import CHANGED_GRACE_S, ENDING_S, LOOK_S, Beside
 from msgs_py.node_runtime.camera_input import SIDES, CameraConfig, CameraImages, CameraTopics, cameras_parameter
 from msgs_py.node_runtime.config import parameter
@@ -165,6 +166,8 @@ class RecoveryConfig(CameraConfig):
 class RecoveryNode(GraphNode[RecoveryConfig]):
     """Publishes ``features``, and on demand ``features/markers`` and ``debug_image``."""
 
+    brief = True
+
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('recovery_node', RecoveryConfig, **kwargs)
         self._calibration: tuple[object, ...] = ()
@@ -215,6 +218,7 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
         """Publish what was found."""
         result, picture, camera = recovered
         header = images.header
+        self.give(self.features_out, Adapted(result.features, header, features_to_cloud))
         self._reason = result.reason
         kinds = {f'features.{kind.name.lower()}s': int((result.features.kind == kind).sum()) for kind in FeatureKind}
         self._counts = {
@@ -223,7 +227,6 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
             **{f'milliseconds.{name}': f'{value:.1f}' for name, value in result.milliseconds.items()},
             'left_out': '; '.join(result.left_out),
         }
-        self.features_out.publish(features_to_cloud(result.features, header))
         if self.wanted(self.markers_out):
             self.markers_out.publish(features_to_markers(result.features, header))
         if self.wanted(self.debug_out):

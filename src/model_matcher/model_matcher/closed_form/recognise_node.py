@@ -1,7 +1,8 @@
 """recovery_node, matcher_node and tracker_node in one process: images in, poses at the rate of the images out.
 
 Each node has a thread of its own, so that the tracker does not wait for a search. Images are taken from the network
-once and handed over, as features and reports are (msgs_py.node_runtime.hand_over). Parameters are given by node:
+once and handed over, as features and reports are (msgs_py.node_runtime.hand_over); from images to poses no executor is
+waited for. Parameters are given by node:
 ``recognise --ros-args -p matcher_node:models:="['part.csg']" -p tracker_node:models:="['part.csg']"``, or in one file.
 With ``--record out.mcap`` before these, images and results are recorded; ``replay`` reads such files.
 """
@@ -59,6 +60,8 @@ class Recognition:
     ) -> None:
         self.hand_over = HandOver(context)
         self.nodes = [NODES[name](context=context, hand_over=self.hand_over, **kwargs) for name in names]
+        for node in self.nodes:
+            node.inbox.turn = threading.Lock() if node.brief else None
         self._all: list[Node] = list(self.nodes)
         self._recorder = (
             None if record is None else Recorder(record, [*self.nodes, *self.hand_over.receivers], context=context)

@@ -124,8 +124,17 @@ def common_axis(rows: np.ndarray, size: float) -> Axis | None:
     return Axis(point + 0.5 * (along.min() + along.max()) * direction, direction)
 
 
+_axes: WeakKeyDictionary[ModelIndex, Axis | None] = WeakKeyDictionary()
+
+
 def axis_of_revolution(index: ModelIndex) -> Axis | None:
-    """The axis about which a model is the same all round, None when there is none."""
+    """The axis about which a model is the same all round, None when there is none; computed once for each index."""
+    if index not in _axes:
+        _axes[index] = _find_axis(index)
+    return _axes[index]
+
+
+def _find_axis(index: ModelIndex) -> Axis | None:
     # An ellipse is not the same all round, though its centre and normal are all that is compared.
     radii = index.rows[index.kind == FeatureKind.CURVE, 7:9]
     if (radii[:, 0] - radii[:, 1] > SYMMETRY_TOLERANCE * index.size).any():

@@ -10,7 +10,8 @@ exact.
 from __future__ import annotations
 
 import array
-from typing import Literal
+from functools import lru_cache
+from typing import Any, Literal
 
 import numpy as np
 from sensor_msgs.msg import PointCloud2, PointField
@@ -36,10 +37,12 @@ VECTORS = {
 # Arrays that a cloud may lack.
 OPTIONAL = ('major_axis', 'arc', 'covariance')
 ROW = np.dtype(
-    [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('kind', 'u1'), ('pad', 'V3')]
-    + [(name, '<f8') for names in VECTORS.values() for name in names]
+    [('middle', '<f4', (3,)), ('kind', 'u1'), ('pad', 'V3')]
+    + [(attribute, '<f8', (len(names),)) for attribute, names in VECTORS.items()]
 )
 
+# Kinds of clouds, as publishers make them, whose layout is remembered.
+LAYOUTS_KEPT = 16
 _DATATYPES = {
     PointField.INT8: 'i1',
     PointField.UINT8: 'u1',
@@ -76,15 +79,13 @@ def features_to_cloud(features: FeatureSet, header: Header | None = None) -> Poi
     FeatureSet(1 EDGE, 0 CURVE, 0 AXIS)
     """
     rows = np.zeros(len(features), ROW)
-    rows['x'], rows['y'], rows['z'] = features.midpoints.T
+    rows['middle'] = features.midpoints
     rows['kind'] = features.kind
     for attribute, names in VECTORS.items():
         values = getattr(features, attribute)
         if attribute == 'covariance':
             values = upper_triangles(values)
-        columns = values.reshape(len(features), len(names))
-        for column, name in zip(columns.T, names):
-            rows[name] = column
+        rows[attribute] = values.reshape(len(features), len(names))
     cloud = PointCloud2()
     if header is not None:
         cloud.header = header
@@ -93,12 +94,7 @@ def features_to_cloud(features: FeatureSet, header: Header | None = None) -> Poi
     cloud.point_step = ROW.itemsize
     cloud.row_step = ROW.itemsize * len(features)
     cloud.is_dense = True
-    assert ROW.names is not None and ROW.fields is not None
-    cloud.fields = [
-        PointField(name=name, offset=ROW.fields[name][1], datatype=_CODES[ROW.fields[name][0].str[1:]], count=1)
-        for name in ROW.names
-        if name != 'pad'
-    ]
+    cloud.fields = _fields()
     cloud.data = array.array('B', rows.tobytes())
     return cloud
 
@@ -113,32 +109,8 @@ def cloud_to_features(cloud: PointCloud2) -> FeatureSet:
     """
     n = int(cloud.width) * int(cloud.height)
     point_step, row_step = int(cloud.point_step), int(cloud.row_step)
-    offered = {field.name: field for field in cloud.fields}
-    wanted = ['kind'] + [
-        name
-        for attribute, names in VECTORS.items()
-        for name in names
-        if attribute not in OPTIONAL or all(name in offered for name in names)
-    ]
-    missing = [name for name in wanted if name not in offered]
-    if missing:
-        raise CodecError(
-            f'features.fields: no field {missing[0]!r}; is this a cloud of features? '
-            f'It has {", ".join(offered) or "no fields"}'
-        )
-    formats, offsets = [], []
-    order: Literal['>', '<'] = '>' if cloud.is_bigendian else '<'
-    for name in wanted:
-        field = offered[name]
-        if field.datatype not in _DATATYPES:
-            raise CodecError(f'features.fields: {name} has the unknown datatype {field.datatype}')
-        dtype = np.dtype(_DATATYPES[field.datatype]).newbyteorder(order)
-        if field.offset + dtype.itemsize > point_step:
-            raise CodecError(
-                f'features.fields: {name} ends at byte {field.offset + dtype.itemsize}, beyond point_step {point_step}'
-            )
-        formats.append(dtype)
-        offsets.append(int(field.offset))
+    offered = tuple((field.name, field.offset, field.datatype) for field in cloud.fields)
+    row, columns = _layout(offered, bool(cloud.is_bigendian), point_step)
     if n and row_step < point_step * int(cloud.width):
         raise CodecError(f'features.row_step: {row_step} bytes, expected at least {point_step * int(cloud.width)}')
     needed = row_step * (int(cloud.height) - 1) + point_step * int(cloud.width) if n else 0
@@ -146,15 +118,13 @@ def cloud_to_features(cloud: PointCloud2) -> FeatureSet:
         raise CodecError(f'features.data: {len(cloud.data)} bytes, expected {needed} for {n} features; truncated?')
     if n == 0:
         return FeatureSet.empty()
-    row = np.dtype({'names': wanted, 'formats': formats, 'offsets': offsets, 'itemsize': point_step})
     buffer = np.frombuffer(cloud.data, np.uint8)
     rows = np.concatenate(
         [buffer[i * row_step : i * row_step + point_step * int(cloud.width)] for i in range(int(cloud.height))]
     ).view(row)
     values = {
-        attribute: np.stack([rows[name].astype(np.float64) for name in names], axis=1)
-        for attribute, names in VECTORS.items()
-        if names[0] in wanted
+        attribute: np.concatenate([np.asarray(rows[name], np.float64).reshape(n, -1) for name in names], axis=1)
+        for attribute, names in columns.items()
     }
     for attribute in ('err_par', 'err_per'):
         values[attribute] = values[attribute][:, 0]
@@ -164,3 +134,69 @@ def cloud_to_features(cloud: PointCloud2) -> FeatureSet:
         return FeatureSet(kind=rows['kind'].astype(np.int64), **values)
     except ValueError as error:
         raise CodecError(f'features.data: {error}') from None
+
+
+def _fields() -> list[PointField]:
+    """What the columns of ROW are called."""
+    assert ROW.fields is not None
+    names = {'middle': ('x', 'y', 'z'), 'kind': ('kind',), **VECTORS}
+    made = []
+    for part, columns in names.items():
+        dtype, start = ROW.fields[part][:2]
+        for k, name in enumerate(columns):
+            offset = start + k * dtype.base.itemsize
+            made.append(PointField(name=name, offset=offset, datatype=_CODES[dtype.base.str[1:]], count=1))
+    return made
+
+
+@lru_cache(maxsize=LAYOUTS_KEPT)
+def _layout(
+    fields: tuple[tuple[str, int, int], ...], is_bigendian: bool, point_step: int
+) -> tuple[np.dtype[Any], dict[str, tuple[str, ...]]]:
+    """How the points of a cloud lie in memory, and for each array of a FeatureSet the parts that make it.
+
+    fields : name, offset and datatype of each
+
+    Raises
+    ------
+    CodecError
+        Names the field, when one is missing or out of range.
+    """
+    offered = {name: (offset, datatype) for name, offset, datatype in fields}
+    columns = {
+        attribute: names
+        for attribute, names in VECTORS.items()
+        if attribute not in OPTIONAL or all(name in offered for name in names)
+    }
+    wanted = ['kind', *(name for names in columns.values() for name in names)]
+    missing = [name for name in wanted if name not in offered]
+    if missing:
+        raise CodecError(
+            f'features.fields: no field {missing[0]!r}; is this a cloud of features? '
+            f'It has {", ".join(offered) or "no fields"}'
+        )
+    places: dict[str, tuple[int, np.dtype[Any]]] = {}
+    order: Literal['>', '<'] = '>' if is_bigendian else '<'
+    for name in wanted:
+        offset, datatype = offered[name]
+        if datatype not in _DATATYPES:
+            raise CodecError(f'features.fields: {name} has the unknown datatype {datatype}')
+        dtype = np.dtype(_DATATYPES[datatype]).newbyteorder(order)
+        if offset + dtype.itemsize > point_step:
+            raise CodecError(
+                f'features.fields: {name} ends at byte {offset + dtype.itemsize}, beyond point_step {point_step}'
+            )
+        places[name] = offset, dtype
+    parts: dict[str, tuple[int, Any]] = {'kind': places['kind']}
+    made: dict[str, tuple[str, ...]] = {}
+    for attribute, names in columns.items():
+        start, dtype = places[names[0]]
+        # Columns that lie side by side are read at once.
+        if all(places[name] == (start + k * dtype.itemsize, dtype) for k, name in enumerate(names)):
+            parts[attribute], made[attribute] = (start, (dtype, (len(names),))), (attribute,)
+        else:
+            parts.update({name: places[name] for name in names})
+            made[attribute] = names
+    offsets, formats = zip(*parts.values())
+    row = np.dtype({'names': list(parts), 'formats': formats, 'offsets': offsets, 'itemsize': point_step})
+    return row, made

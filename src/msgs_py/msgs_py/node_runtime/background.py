@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import threading
 from collections.abc import Callable
 from typing import Generic, TypeVar
@@ -33,8 +34,8 @@ class Background(Generic[T]):
         self._values: list[T] = []
         self._error: BaseException | None = None
         self._ended = threading.Event()
-        # A daemon: a process that is told to end does not wait for it.
-        threading.Thread(target=self._run, daemon=True).start()
+        # A process that is told to end does not wait for it; nor does who begins it until it runs, as with Thread.
+        _thread.start_new_thread(self._run, ())
 
     @property
     def done(self) -> bool:

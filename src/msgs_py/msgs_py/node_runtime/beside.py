@@ -7,9 +7,9 @@ work on it begins; when that holds no longer, the work is ended and the input, u
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Generic, TypeVar
 
 from ..numeric.deadline import Deadline
@@ -50,7 +50,7 @@ class Beside(Generic[Given, Made]):
         Takes an input and a Deadline, and returns the work: called without arguments, in the thread, it makes the
         result, and soon after the deadline ends with what it has. What it needs of the node is taken over before.
     finish : callable
-        Takes the input and the result, in the executor.
+        Takes the input and the result, in the node's turn.
     """
 
     def __init__(
@@ -63,7 +63,6 @@ class Beside(Generic[Given, Made]):
         self._node, self._source, self._begin_work, self._finish = node, source, begin, finish
         self._job: _Job[Given, Made] | None = None
         self._newest: Given | None = None
-        self._wake = node.create_guard_condition(self.look)
 
     @property
     def seconds(self) -> float:
@@ -108,7 +107,7 @@ class Beside(Generic[Given, Made]):
             self._job.background.wait(wait_s)
 
     def look(self) -> None:
-        """Take over what is done: called by the thread's end, and by a timer should that have been overheard."""
+        """Take over what is done: called at the thread's end, and by a timer should that have been overheard."""
         job = self._job
         if job is None or job.background is None or not job.background.done:
             return
@@ -135,9 +134,4 @@ class Beside(Generic[Given, Made]):
             return made
 
         self._job = job
-        job.background = Background(worked, self._wake_up)
-
-    def _wake_up(self) -> None:
-        """Called by the thread at its end; the node may be gone by then."""
-        with contextlib.suppress(Exception):
-            self._wake.trigger()
+        job.background = Background(worked, partial(self._node.inbox.put, self.look))

@@ -1,8 +1,8 @@
 """Nodes of one process that hand messages over to each other.
 
 What comes over the network is taken once, however many of them listen, and what one of them publishes goes to the
-others as it is, without being written and read again. Each node goes on hearing in its own thread. A message that is
-handed over is shared: nobody may change it. What nodes of the process publish is heard from them alone.
+others as it is, without being written and read again. Each node hears in turns of its own. A message that is handed
+over is shared: nobody may change it. What nodes of the process publish is heard from them alone.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
+from .adapted import Adapted
+from .inbox import Inbox
 from .settings import QUEUE_DEPTH
 
 # What a node is given of a message: itself, and what is known of its coming.
@@ -30,39 +32,18 @@ Take = Callable[[Any, dict[str, Any]], None]
 LOOK_S = 0.2
 
 
-class _Inbox:
-    """What waits for a node, in the order of its coming; the node's executor is woken once for all of it."""
-
-    def __init__(self, node: Node) -> None:
-        self._waiting: deque[Taker] = deque()
-        self._woken = False
-        self._guard = node.create_guard_condition(self._on_wake)
-
-    def put(self, taker: Taker) -> None:
-        """Something waits for this one."""
-        self._waiting.append(taker)
-        if not self._woken:
-            self._woken = True
-            self._guard.trigger()
-
-    def _on_wake(self) -> None:
-        self._woken = False  # before looking: what comes now wakes it again
-        while self._waiting:
-            self._waiting.popleft().take()
-
-
 class Taker:
     """A node's ear for a topic, in place of a subscription of its own.
 
     Parameters
     ----------
     topic : _Topic
-    inbox : _Inbox
-        Of the node, in whose executor messages are taken.
+    inbox : Inbox
+        Of the node, in whose turn messages are taken.
     take : callable
     """
 
-    def __init__(self, topic: _Topic, inbox: _Inbox, take: Take) -> None:
+    def __init__(self, topic: _Topic, inbox: Inbox, take: Take) -> None:
         self.topic, self._inbox, self._take = topic, inbox, take
         self._queue: deque[tuple[Any, dict[str, Any]]] = deque(maxlen=QUEUE_DEPTH)
 
@@ -79,7 +60,7 @@ class Taker:
     def put(self, message: Any, info: dict[str, Any]) -> None:
         """A message, from any thread; of more than a queue holds the oldest goes."""
         self._queue.append((message, info))
-        self._inbox.put(self)
+        self._inbox.put(self.take)
 
     def take(self) -> None:
         """Take the oldest, unless newer ones have pushed it out."""
@@ -120,11 +101,11 @@ class Handing:
         self.publisher, self._topic = publisher, topic
 
     def publish(self, message: Any) -> None:
-        """As a publisher's."""
+        """As a publisher's; an Adapted reaches the nodes of the process as it is."""
         self._topic.published += 1
         self._topic.put(message, {'publication_sequence_number': self._topic.published})
         if self.publisher.get_subscription_count():
-            self.publisher.publish(message)
+            self.publisher.publish(message.message if isinstance(message, Adapted) else message)
 
     def get_subscription_count(self) -> int:
         """As a publisher's, with the nodes of the process."""
@@ -150,7 +131,6 @@ class HandOver:
     def __init__(self, context: Context | None = None) -> None:
         self._context = context
         self._topics: dict[str, _Topic] = {}
-        self._inboxes: dict[Node, _Inbox] = {}
         self._receiver: Node | None = None
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._spin, daemon=True)
@@ -169,7 +149,6 @@ class HandOver:
         overrides : list of Parameter
             Given to it; those of QoS of the first node count for all.
         """
-        self._inboxes[node] = _Inbox(node)
         if self._receiver is None:
             # Names were remapped by the nodes, so it remaps none.
             self._receiver = Node(
@@ -183,21 +162,23 @@ class HandOver:
             )
             self._thread.start()
 
-    def listen(self, node: Node, message_type: type, topic: str, take: Take, qos: QoSProfile) -> Taker:
+    def listen(self, node: Node, inbox: Inbox, message_type: type, topic: str, take: Take, qos: QoSProfile) -> Taker:
         """A node's ear for a topic.
 
         Parameters
         ----------
         node : rclpy.node.Node
+        inbox : Inbox
+            The node's.
         message_type : type
         topic : str
             As the node calls it.
         take : callable
-            Takes a message and what is known of its coming, in the node's executor.
+            Takes a message and what is known of its coming, in the node's turn.
         qos : rclpy.qos.QoSProfile
         """
         shared = self._topic(node, topic)
-        taker = Taker(shared, self._inboxes[node], take)
+        taker = Taker(shared, inbox, take)
         shared.takers.append(taker)
         if shared.outside is None and not shared.inside and self._receiver is not None:
             shared.outside = self._receiver.create_subscription(

@@ -12,18 +12,25 @@ import math
 import os
 import signal
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar, cast
+from typing import Any, ClassVar, Generic, Protocol, TypeVar, cast
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import (
+    Executor,
+    ExternalShutdownException,
+    ShutdownException,
+    SingleThreadedExecutor,
+    TimeoutException,
+)
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
@@ -35,10 +42,12 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
 from ..numeric.steps import CompileStep, Preparation
+from .adapted import Adapted
 from .camera_input import COMPRESSED, INFO, RAW, CameraImages, CameraTopics, message_type
 from .config import Config, ParameterSpec
 from .hand_over import Handing, HandOver, Taker
 from .health import Health, SequenceGaps, shortened
+from .inbox import Inbox
 from .managed import ManagedNode
 from .renaming import notice
 from .settings import (
@@ -117,13 +126,21 @@ class GraphNode(ManagedNode, Generic[_C]):
     ----------
     health : Health
         Counters, which /diagnostics shows.
+    inbox : Inbox
+        Of what other threads have for the node.
+    brief : bool
+        Whether every callback of such nodes takes next to no time, for what takes long is done beside it: then who
+        hands something over may call them.
     """
+
+    brief: ClassVar[bool] = False
 
     def __init__(self, name: str, config_class: type[_C], hand_over: HandOver | None = None, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
         self._hand_over = hand_over
         if hand_over is not None:
             hand_over.join(self, list(self._overrides.values()))
+        self.inbox = Inbox(self)
         self.health = Health(time.monotonic())
         self._refused: dict[str, str] = {}
         self._sync: StampSync | None = None
@@ -147,7 +164,6 @@ class GraphNode(ManagedNode, Generic[_C]):
         self._diagnostics_in: Subscription | None = self.create_subscription(
             DiagnosticArray, '/diagnostics', self._on_diagnostics, DIAGNOSTICS_DEPTH
         )
-        self._wake = self.create_guard_condition(self._on_prepared)
         # A steady clock: diagnostics go on when simulated time stands still.
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=self._steady_clock)
@@ -213,13 +229,8 @@ class GraphNode(ManagedNode, Generic[_C]):
         """
         if not steps:
             return
-        self._preparation = Preparation(steps, self._wake_up)
+        self._preparation = Preparation(steps, lambda: self.inbox.put(self._on_prepared))
         self._preparation.start()
-
-    def _wake_up(self) -> None:
-        """Called by the thread that compiles; the node may be gone by then."""
-        with contextlib.suppress(Exception):
-            self._wake.trigger()
 
     @property
     def compiling(self) -> str:
@@ -300,6 +311,7 @@ class GraphNode(ManagedNode, Generic[_C]):
         """As rclpy's; what has not been compiled is not begun."""
         if self._preparation is not None:
             self._preparation.cancel()
+        self.inbox.close()
         super().destroy_node()  # type: ignore[no-untyped-call]
 
     # -- parameters --------------------------------------------------------------------------------------------
@@ -489,6 +501,10 @@ class GraphNode(ManagedNode, Generic[_C]):
             ),
         )
 
+    def give(self, publisher: Publisher, value: Adapted[Any]) -> None:
+        """Publish a value's message; nodes of this process that listen with ``adapted`` get the value."""
+        publisher.publish(value if isinstance(publisher, Handing) else value.message)
+
     def wanted(self, publisher: Publisher) -> bool:
         """Whether anybody listens; heavy outputs are made only then."""
         return publisher.get_subscription_count() > 0
@@ -500,6 +516,7 @@ class GraphNode(ManagedNode, Generic[_C]):
         callback: Callable[[Any], None],
         formerly: tuple[str, ...] = (),
         optional: bool = False,
+        adapted: bool = False,
     ) -> Subscription:
         """A subscription whose callback may raise: that is reported, and the node lives on.
 
@@ -513,7 +530,11 @@ class GraphNode(ManagedNode, Generic[_C]):
             Old names of the topic; what comes there is taken too, with a warning.
         optional : bool
             Nothing is wrong when nothing comes.
+        adapted : bool
+            The callback also takes an Adapted, which nodes of this process give in place of its message.
         """
+        if not adapted:
+            callback = _of_message(callback)
         return self._subscribe(message_type, topic, self._when_prepared(topic, callback), formerly, optional)
 
     def _subscribe(
@@ -558,7 +579,7 @@ class GraphNode(ManagedNode, Generic[_C]):
         subscription: Subscription | Taker
         name = self._transported(topic)
         if self._hand_over is not None:
-            subscription = self._hand_over.listen(self, message_type, name, on_message, INPUT_QOS)
+            subscription = self._hand_over.listen(self, self.inbox, message_type, name, on_message, INPUT_QOS)
         else:
             subscription = self.create_subscription(
                 message_type,
@@ -875,6 +896,15 @@ class _AlsoUnderOldNames:
         return getattr(self._publisher, name)
 
 
+def _of_message(callback: Callable[[Any], None]) -> Callable[[Any], None]:
+    """A callback that is given the message of what is adapted."""
+
+    def call(message: Any) -> None:
+        callback(message.message if isinstance(message, Adapted) else message)
+
+    return call
+
+
 def spin_once(node: Node, executor: Executor, timeout_s: float | None = None) -> None:
     """One turn of the executor; what fails inside rclpy, outside of our guards (a malformed request), is reported.
 
@@ -886,13 +916,28 @@ def spin_once(node: Node, executor: Executor, timeout_s: float | None = None) ->
     timeout_s : float, optional
         Longest wait, seconds; without it, until something comes.
     """
+    turn = node.inbox.turn if isinstance(node, GraphNode) else None
     try:
-        executor.spin_once(timeout_sec=timeout_s)
+        if turn is None:
+            executor.spin_once(timeout_sec=timeout_s)
+        else:
+            _spin_in_turn(executor, turn, timeout_s)
     except (KeyboardInterrupt, ExternalShutdownException):
         raise
     except Exception as error:
         text = f'{type(error).__name__}: {error}'
         node.problem(text) if isinstance(node, GraphNode) else node.get_logger().error(text)
+
+
+def _spin_in_turn(executor: Executor, turn: threading.Lock, timeout_s: float | None) -> None:
+    """As rclpy's spin_once; the turn is held while something is called, not while it is waited for."""
+    try:
+        handler, _, _ = executor.wait_for_ready_callbacks(timeout_s)
+    except (TimeoutException, ShutdownException):
+        return
+    with turn:
+        handler()
+    handler.result()
 
 
 class Running(Protocol):
