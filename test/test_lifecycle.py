@@ -16,8 +16,10 @@ from std_srvs.srv import Trigger
 
 from csg_renderer.node import RendererNode
 from dap_emulator.node import EmulatorNode
+from model_matcher.merger_node import MergerNode
 from model_matcher.node import MatcherNode
 from model_matcher.tracker_node import TrackerNode
+from model_matcher.viewer_node import ViewerNode
 from msgs_py import FeatureSet
 from msgs_py.codecs import features_to_cloud
 from stereo_recovery.node import RecoveryNode
@@ -46,6 +48,13 @@ NODES = {
         'models is empty',
         ('/left/image_rect', '/track/l_shape'),
     ),
+    'merger_node': (
+        MergerNode,
+        {'models': ['l_shape']},
+        {'models': ['no_such']},
+        'no_such',
+        ('/shard_1/interpretations/report', '/shard_2/interpretations/report'),
+    ),
     'emulator_node': (
         EmulatorNode,
         {'image_program': 'sobel'},
@@ -54,6 +63,9 @@ NODES = {
         ('/image_in',),
     ),
 }
+# It publishes nothing, and ends when its port is taken.
+VIEWER = {'viewer_node': (ViewerNode, {'port': 0}, {}, '', ('/left/image_rect', '/features'))}
+LED = NODES | VIEWER
 STEPS = (
     ('configure', 'inactive'),
     ('activate', 'active'),
@@ -67,7 +79,7 @@ STEPS = (
 
 
 def add(graph, name, parameters):
-    return graph.add(NODES[name][0], parameters={'autostart': False, **parameters})
+    return graph.add(LED[name][0], parameters={'autostart': False, **parameters})
 
 
 def state(graph, name):
@@ -83,9 +95,9 @@ def hears(graph, topics):
     return [topic for topic in topics if graph.tester.count_subscribers(topic)] == list(topics)
 
 
-@pytest.mark.parametrize('name', NODES)
+@pytest.mark.parametrize('name', LED)
 def test_a_manager_leads_a_node_through_its_life(graph, name):
-    _, parameters, _, _, topics = NODES[name]
+    _, parameters, _, _, topics = LED[name]
     node = add(graph, name, parameters)
     assert state(graph, name) == 'unconfigured' and not hears(graph, topics or ('/none',))
     outputs = len(list(node.publishers))
@@ -99,7 +111,7 @@ def test_a_manager_leads_a_node_through_its_life(graph, name):
             lambda after=after: after == 'active' or not any(map(graph.tester.count_subscribers, topics)),
             what=f'{name} hears nothing when {after}',
         )
-        assert (len(list(node.publishers)) > outputs) == (after != 'unconfigured')
+        assert (len(list(node.publishers)) > outputs) == (after != 'unconfigured' and name not in VIEWER)
     assert graph.call(Trigger, f'/{name}/reset', Trigger.Request()).success
     assert change(graph, name, 'shutdown')
     assert state(graph, name) == 'finalized' and len(list(node.publishers)) == outputs

@@ -16,6 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import trimesh
 from geometry_msgs.msg import PoseStamped
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image
@@ -26,8 +27,9 @@ from msgs_py import codecs
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / 'README.md'
+MESH = ROOT / 'src/csg_renderer/test/meshes/cylinder_box.stl'
 CAMERA_PAGE = ROOT / 'src/stereo_recovery/docs/your_camera.md'
-MOST_COMMANDS = 10
+MOST_COMMANDS = 8
 NOT_RUN = ('make ', 'ros2 ', '. .venv/bin/activate')
 pytestmark = pytest.mark.timeout(240)  # nodes and commands compile when they run for the first time
 DISTORTION = np.array([-0.18, 0.05, 0.001, -0.0005, 0.0])
@@ -145,6 +147,30 @@ def distorted(image: np.ndarray, camera) -> np.ndarray:
     ideal = cv2.undistortPoints(np.stack([u.ravel(), v.ravel()], axis=1)[:, None], k, DISTORTION, P=k)
     maps = ideal.reshape(*image.shape, 2).astype(np.float32)
     return cv2.remap(image, maps[..., 0], maps[..., 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+
+
+def test_a_part_of_cad_is_found_with_the_five_commands_of_the_readme(shell, tmp_path):
+    """A mesh in millimetres by another program, and a pair with a calibration as OpenCV writes it."""
+    block = marked('five-commands')
+    assert len(commands(block)) <= 5
+    mesh = trimesh.load(MESH)
+    mesh.apply_scale(1e3)
+    mesh.export(tmp_path / 'part.stl')
+    scene = csg_renderer.load_scene(csg_renderer.scene_path('cylinder_box_v1'))
+    rig = csg_renderer.default_rig(scene)
+    for side, frame in zip(('left', 'right'), csg_renderer.render_stereo(scene, rig, antialias=4)):
+        cv2.imwrite(str(tmp_path / f'{side}.png'), cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR))
+    calibration = cv2.FileStorage(str(tmp_path / 'calibration.yaml'), cv2.FILE_STORAGE_WRITE)
+    for number, info in enumerate(codecs.camera_infos_from_rig(rig, Header()), start=1):
+        calibration.write(f'P{number}', np.reshape(info.p, (3, 4)))
+    calibration.release()
+    answer = run_all(shell, block)
+    found = re.search(r'^part +12/12 +\S+ +(\S+) (\S+) (\S+) .* accepted$', answer, re.MULTILINE)
+    assert found, answer
+    pose = scene.camera_T_scene.compose(scene.placements[0].pose)
+    assert np.allclose([float(value) for value in found.groups()], 1e3 * pose.translation, atol=0.2)
+    for name, begins in (('part.png', b'\x89PNG'), ('match.png', b'\x89PNG'), ('found.html', b'<!')):
+        assert (tmp_path / name).read_bytes().startswith(begins)
 
 
 def test_own_part_is_recognised_with_the_commands_of_the_readme(shell, graph, tmp_path):

@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 
 from msgs_py import FeatureKind, FeatureSet, PinholeCamera, Pose
-from msgs_py.commands import DONE, add_json, run_command
+from msgs_py.commands import DONE, CommandParser, add_json, run_command
 
 from .brep.model_features import boundary
 from .brep.settings import WHOLE_TURN
@@ -20,7 +20,7 @@ from .features.export import as_json, save_dxf, save_json
 from .features.mesh_features import mesh_features
 from .features.terrain_edges import facet_edges
 from .language import load_models, load_scene
-from .mesh.files import MESH_SUFFIXES, read_mesh
+from .mesh.files import MESH_SUFFIXES, cad_remedy, read_mesh
 from .mesh.settings import CREASE_ANGLE
 from .scene.solid import Solid
 from .scene.terrain import Terrain
@@ -41,6 +41,11 @@ def _run(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
             raise ValueError(f'--output: {output}: expected one of {", ".join(OUTPUTS)}')
     if not 0.0 < options.crease_angle < 180.0:
         raise ValueError(f'--crease-angle: expected degrees between 0 and 180, got {options.crease_angle:g}')
+    if cad_remedy(options.model):
+        raise ValueError(
+            f'{options.model}: not a model file, expected .csg or one of {", ".join(MESH_SUFFIXES)}'
+            + cad_remedy(options.model)
+        )
     of_mesh = Path(options.model).suffix.lower() in MESH_SUFFIXES
     exported = _mesh(options) if of_mesh else _scene(options)
     _save_json(options, exported)
@@ -49,7 +54,7 @@ def _run(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
 
 def features_parser() -> argparse.ArgumentParser:
     """The options of the command."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         'features',
         description='Edges, planar curves and axes of a model, exactly from '
         'its CSG tree, or of a mesh within the error of its facets. Exit status 0: done, 2: bad input.',

@@ -6,7 +6,6 @@ models are lost, so a count that differs is shown as it is.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Callable, Sequence
@@ -16,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from msgs_py import FeatureKind
-from msgs_py.commands import BAD_INPUT, DONE, as_text
+from msgs_py.commands import BAD_INPUT, DONE, CommandParser, as_text
 
 from .brep.model_features import boundary
 from .features import thesis_counts
@@ -103,7 +102,7 @@ def _number(value: int | None) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point: prints the tables."""
-    parser = argparse.ArgumentParser('model_table', description="The thesis' models: its counts beside ours.")
+    parser = CommandParser('model_table', description="The thesis' models: its counts beside ours.")
     parser.add_argument(
         '--json', metavar='FILE', nargs='?', const='-', help='write the numbers to a JSON file; to stdout without one'
     )

@@ -14,7 +14,7 @@ import numpy as np
 from tqdm import tqdm
 
 from msgs_py import LensDistortion, Pose
-from msgs_py.commands import DONE, INTERRUPTED, add_json, run_command
+from msgs_py.commands import DONE, INTERRUPTED, CommandParser, add_json, run_command
 
 from .language import SceneError, SceneFile, find_scene, format_scene, read_scene, scene_names
 from .raycast.engines import ENGINES
@@ -312,7 +312,7 @@ def _antialias(text: str) -> bool | int:
 
 def render_parser() -> argparse.ArgumentParser:
     """The options of the command."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog='render',
         description='Render a scene of the modelling language, with its ground truth. '
         'Exit status 0: all was written, 2: bad input.',

@@ -20,7 +20,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from msgs_py.commands import DONE, NOTHING, add_json, run_command
+from msgs_py.commands import DONE, NOTHING, CommandParser, add_json, run_command
 from msgs_py.files import check_image, load_array, load_arrays
 from msgs_py.numeric.typed import AnyArray
 
@@ -92,7 +92,7 @@ def _made(text: str) -> AnyArray:
 
 def parser() -> argparse.ArgumentParser:
     """The command's options."""
-    result = argparse.ArgumentParser(
+    result = CommandParser(
         prog='dap',
         description=__doc__.split('\n')[0],
         epilog='\n'.join(__doc__.split('\n')[2:]),

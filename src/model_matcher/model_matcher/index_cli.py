@@ -15,7 +15,7 @@ from typing import Any
 from tqdm import tqdm
 
 from csg_renderer.mesh.units import GUESS, MESH_UNITS
-from msgs_py.commands import DONE, NOTHING, add_json, run_command
+from msgs_py.commands import DONE, NOTHING, CommandParser, add_json, run_command
 
 from .catalogue.folder import Progress, update_catalogue
 from .catalogue.settings import FILE_NAME
@@ -23,7 +23,7 @@ from .catalogue.settings import FILE_NAME
 
 def index_parser() -> argparse.ArgumentParser:
     """The options of the command."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog='index_models',
         description='Make the index of a folder of models, or bring it up to date: what has not changed is not read '
         'again. Exit status 0: done, 1: the folder holds no model that can be used, 2: bad input.',
@@ -59,6 +59,8 @@ def _run(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
     """Exit code and what --json prints; raises OSError or ValueError for bad input."""
     if options.workers < 1:
         raise ValueError(f'--workers: expected a number from 1 on, got {options.workers}')
+    if not options.folder.is_dir():
+        raise ValueError(f'{options.folder}: no such folder')
     index = options.out or options.folder / FILE_NAME
     started = time.perf_counter()
     with tqdm(unit='', disable=options.quiet, file=sys.stderr) as bar:

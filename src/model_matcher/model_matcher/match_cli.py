@@ -16,10 +16,9 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from csg_renderer.mesh.files import MESH_SUFFIXES
-from csg_renderer.mesh.units import GUESS, MESH_UNITS, METRES
+from csg_renderer.mesh.units import GUESS, MESH_UNITS
 from msgs_py import FeatureSet, Interpretation, PinholeCamera, StereoRig
-from msgs_py.commands import DONE, NOTHING, add_json, run_command
+from msgs_py.commands import DONE, NOTHING, CommandParser, add_json, run_command
 from msgs_py.files import check_image, read_text
 from msgs_py.numeric.typed import ByteArray
 from stereo_recovery.settings import PICTURES
@@ -29,9 +28,8 @@ from .catalogue.store import is_index
 from .drawing import draw_overlay, draw_views
 from .geometry.settings import ROUNDING
 from .image_pose.views import Views
-from .model.index import ModelIndex
 from .model.library import Library, load_library, models_of, working_distance
-from .pair_match import RecoveredPair, recovered_pair, scale_remedy, wrong_scale
+from .pair_match import RecoveredPair, hints_of, recovered_pair
 from .params import CONSTRAINTS, ENGINES, ORDERINGS, RANGES, REAL_BYTES, SCALES, SEARCHES, MatchParams, MatchResult
 from .pipeline import survey
 
@@ -56,7 +54,7 @@ NUMBERS = {
 
 def match_parser() -> argparse.ArgumentParser:
     """The options of the command; defaults are those of MatchParams."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog='match',
         description='Find models in a stereo pair, or among recovered features; print and draw the interpretations. '
         'Exit status 0: something was found, 1: nothing, 2: bad input.',
@@ -210,26 +208,6 @@ def _data(options: argparse.Namespace) -> _Data:
     features = FeatureSet.load(options.files[0])
     image = _image(options.image)
     return _Data(features, image, camera_of(options, image), views_of(options, image))
-
-
-def hints_of(
-    model: str,
-    models: Sequence[ModelIndex],
-    data: FeatureSet,
-    params: MatchParams,
-    recovered: RecoveredPair | None = None,
-) -> list[str]:
-    """Why nothing was found and what to do, as far as trying shows it: the images first, then the model's size."""
-    hints = [] if recovered is None else recovered.remedies()
-    if Path(model).suffix.lower() in MESH_SUFFIXES and not hints:
-        # A mesh is one of four sizes: with each of them it is searched as any other, which few features suffice for.
-        for unit in METRES:
-            if survey(load_library([model], unit).models, data, params):
-                return [f'{model}: is found when its unit is {unit}: give it with --mesh-units {unit}']
-    scale = None if hints else wrong_scale(models, data, params)
-    if scale is not None:
-        hints.append(scale_remedy(model, scale, None if recovered is None else recovered.pair.rig.baseline))
-    return hints
 
 
 def record(result: MatchResult, n_data: int, hints: Sequence[str] = ()) -> dict[str, Any]:

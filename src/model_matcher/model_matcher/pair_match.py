@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from csg_renderer.mesh.files import MESH_SUFFIXES
 from csg_renderer.mesh.units import METRES
 from msgs_py import FeatureSet
 from msgs_py.numeric.typed import AnyArray, ByteArray
@@ -18,6 +19,7 @@ from stereo_recovery.pipeline import Recovery, recover
 
 from .image_pose.views import Views
 from .model.index import ModelIndex
+from .model.library import load_library
 from .params import MatchParams
 from .pipeline import survey
 
@@ -61,6 +63,26 @@ def recovered_pair(files: Sequence[Path], raw: bool = False, baseline: float | N
     left, right, calibration = files
     pair = read_pair((left, right), calibration, raw, baseline)
     return RecoveredPair(pair, recover(pair.left, pair.right, pair.rig))
+
+
+def hints_of(
+    model: str,
+    models: Sequence[ModelIndex],
+    data: FeatureSet,
+    params: MatchParams,
+    recovered: RecoveredPair | None = None,
+) -> list[str]:
+    """Why nothing was found and what to do, as far as trying shows it: the images first, then the model's size."""
+    hints = [] if recovered is None else recovered.remedies()
+    if Path(model).suffix.lower() in MESH_SUFFIXES and not hints:
+        # A mesh is one of four sizes: with each of them it is searched as any other, which few features suffice for.
+        for unit in METRES:
+            if survey(load_library([model], unit).models, data, params):
+                return [f'{model}: is found when its unit is {unit}: give it with --mesh-units {unit}']
+    scale = None if hints else wrong_scale(models, data, params)
+    if scale is not None:
+        hints.append(scale_remedy(model, scale, None if recovered is None else recovered.pair.rig.baseline))
+    return hints
 
 
 def wrong_scale(models: Sequence[ModelIndex], data: FeatureSet, params: MatchParams) -> float | None:

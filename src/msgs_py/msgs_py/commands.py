@@ -14,7 +14,7 @@ import os
 import sys
 from collections.abc import Callable, Mapping
 from enum import Enum
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -26,6 +26,25 @@ BAD_INPUT = 2
 """It did not run: an option, a file or what stands in one cannot be used."""
 INTERRUPTED = 130
 """Ended by Ctrl-C, as shells count it."""
+
+
+class CommandParser(argparse.ArgumentParser):
+    """The options of a command; of what is wrong with them the first line on stderr says it, before the usage."""
+
+    _as_json = False
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As argparse's."""
+        self._as_json = '--json' in (sys.argv[1:] if args is None else args)
+        return super().parse_known_args(args, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        """As argparse's."""
+        print(f'{self.prog}: {message}', file=sys.stderr)
+        self.print_usage(sys.stderr)
+        if self._as_json:
+            print(as_text({'error': message}))
+        raise SystemExit(BAD_INPUT)
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from msgs_py.commands import DONE, NOTHING, add_json, run_command
+from msgs_py.commands import DONE, NOTHING, CommandParser, add_json, run_command
 
 from .matching.settings import CALIBRATION_ROW_SIGMA
 from .pair_files import read_pair
@@ -16,7 +16,7 @@ from .rig_check import check_rig
 
 def check_rig_parser() -> argparse.ArgumentParser:
     """The command line's arguments."""
-    result = argparse.ArgumentParser(
+    result = CommandParser(
         prog='check_rig',
         description='Tell from one pair of any scene whether the right camera has turned since the calibration, and by '
         'how much. Exit status 0: it has not, 1: it has, or the pair does not tell, 2: bad input.',

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from msgs_py.commands import DONE, NOTHING, add_json, run_command
+from msgs_py.commands import DONE, NOTHING, CommandParser, add_json, run_command
 
 from .camera_measurement import CameraMeasurement, measure_camera
 from .detection.settings import GREEN_PIXELS
@@ -17,7 +17,7 @@ from .pair_files import read_image
 
 def measure_camera_parser() -> argparse.ArgumentParser:
     """The command line's arguments."""
-    result = argparse.ArgumentParser(
+    result = CommandParser(
         prog='measure_camera',
         description='Measure the noise and the blur of a camera from two pictures of one still scene, taken one after '
         'the other by a camera that nobody touches. Show surfaces of several shades of grey, and straight edges in '

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from msgs_py import CameraRig, FeatureKind, FeatureSet, PinholeCamera, Pose, StereoRig
-from msgs_py.commands import DONE, NOTHING, add_json, run_command
+from msgs_py.commands import DONE, NOTHING, CommandParser, add_json, run_command
 from msgs_py.numeric.covariances import UPPER, upper_triangles
 from msgs_py.numeric.typed import AnyArray
 
@@ -48,7 +48,7 @@ COVARIANCE_COLUMNS = tuple(f'cov {ENDS[a]} {ENDS[b]}' for a, b in zip(*UPPER))
 def parser() -> argparse.ArgumentParser:
     """The command line's arguments."""
     default = RecoveryParams()
-    result = argparse.ArgumentParser(
+    result = CommandParser(
         prog='recover',
         description='Recover 3D edges, curves and axes from image files of two cameras or more. '
         'Exit status 0: features were found, 1: none, 2: bad input.',

@@ -13,6 +13,32 @@ from msgs_py.files import check_file
 from .settings import LARGEST_MESH
 
 MESH_SUFFIXES = ('.stl', '.obj', '.ply', '.off')
+# What CAD programs keep parts in, exactly and each in its own way.
+CAD_SUFFIXES = (
+    '.step',
+    '.stp',
+    '.iges',
+    '.igs',
+    '.x_t',
+    '.sldprt',
+    '.ipt',
+    '.prt',
+    '.catpart',
+    '.fcstd',
+    '.3dm',
+    '.3mf',
+)
+
+
+def cad_remedy(path: str | os.PathLike[str]) -> str:
+    """What to do about a file of a CAD program, to be put after what is wrong; empty for others.
+
+    Examples
+    --------
+    >>> cad_remedy('part.STEP')
+    '; export the part as .stl from CAD'
+    """
+    return '; export the part as .stl from CAD' if Path(path).suffix.lower() in CAD_SUFFIXES else ''
 
 
 def read_mesh(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:

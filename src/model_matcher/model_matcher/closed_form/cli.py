@@ -17,7 +17,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from msgs_py.commands import add_json, run_command
+from msgs_py.commands import CommandParser, add_json, run_command
 
 from ..batches.numbers import number, whole
 from .case import Case, Limits
@@ -55,7 +55,7 @@ def main(args: list[str] | None = None) -> int:
 
 def closed_form_parser() -> argparse.ArgumentParser:
     """Options in user's units: millimetres, degrees, pixels."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog='closed_form',
         description='Render, recover, match, and compare with the truth.',
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,

@@ -20,6 +20,7 @@ from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
+from msgs_py.commands import CommandParser
 from msgs_py.node_runtime.hand_over import HandOver
 from msgs_py.node_runtime.runtime import GraphNode, run_until_stopped, spin_once
 from stereo_recovery.node import RecoveryNode
@@ -110,7 +111,7 @@ class Recognition:
 
 def recognise_parser() -> argparse.ArgumentParser:
     """The options of the command, before --ros-args."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog='recognise',
         description='Find known objects in the images of a stereo camera, and follow them: recovery_node, matcher_node '
         'and tracker_node in one process, until it is told to stop. Exit status 0, or 2 for bad input.',

@@ -14,6 +14,7 @@ import numpy as np
 from csg_renderer import load_known_models
 from csg_renderer.features.library import MODEL_SUFFIXES
 from csg_renderer.language import find_scene
+from csg_renderer.mesh.files import cad_remedy
 from csg_renderer.mesh.settings import WORKING_DISTANCE
 from csg_renderer.mesh.units import GUESS, MeshUnit, mesh_unit
 from msgs_py import FeatureSet
@@ -155,7 +156,7 @@ def _files(given: str) -> list[Path]:
         return found
     if path.is_file():
         if path.suffix.lower() not in MODEL_SUFFIXES:
-            raise ValueError(f'not a model file, expected one of {", ".join(MODEL_SUFFIXES)}')
+            raise ValueError(f'not a model file, expected one of {", ".join(MODEL_SUFFIXES)}{cad_remedy(path)}')
         return [path]
     return [find_scene(given)]
 

@@ -85,7 +85,8 @@ def photon_transfer(
         return None
     numbers, spread, count = np.array(rows).T
     clipped = CLIPPED_SIGMAS * np.sqrt(spread)
-    kept = (numbers > clipped) & (255.0 - numbers > clipped)
+    # Without any difference a level tells nothing: it is clipped, or nothing was taken twice.
+    kept = (spread > 0.0) & (numbers > clipped) & (255.0 - numbers > clipped)
     if not kept.any():
         return None
     numbers, spread, count = numbers[kept], spread[kept], count[kept]

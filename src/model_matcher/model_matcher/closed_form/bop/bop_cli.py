@@ -13,7 +13,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from msgs_py.commands import DONE, NOTHING, add_json, run_command
+from msgs_py.commands import DONE, NOTHING, CommandParser, add_json, run_command
 
 from .answer import answer_scene, load_models
 from .results import write_results
@@ -22,7 +22,7 @@ from .scene_folder import read_scene, read_targets
 
 def bop_parser() -> argparse.ArgumentParser:
     """The options of the command."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog='bop',
         description='Find the objects of BOP scenes of several cameras, or of one that moved, and write a BOP result '
         'file. Exit status 0: something was found, 1: nothing, 2: bad input.',

@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from csg_renderer.mesh.units import GUESS, MESH_UNITS
 from msgs_py import Pose
-from msgs_py.commands import DONE, NOTHING, add_json, run_command
+from msgs_py.commands import DONE, NOTHING, CommandParser, add_json, run_command
 
 from ...model.index import ModelIndex
 from ...model.library import models_of
@@ -34,7 +34,7 @@ COLUMNS = (
 
 def track_parser() -> argparse.ArgumentParser:
     """The options of the command."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog='track',
         description='Find an object and follow it from frame to frame. '
         'Exit status 0: it was followed in half of the frames or more, 1: in fewer, 2: bad input.',

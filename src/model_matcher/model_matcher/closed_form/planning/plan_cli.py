@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from msgs_py import StereoRig
-from msgs_py.commands import DONE, NOTHING, add_json, as_text, run_command
+from msgs_py.commands import DONE, NOTHING, CommandParser, add_json, as_text, run_command
 from stereo_recovery.cameras.calibration import load_rig
 
 from ...batches.jobs import add_worker_options, workers_of
@@ -36,7 +36,7 @@ WALK = 'by which levels wander beside edges in a root of a pixel (print, grain: 
 
 def plan_parser() -> argparse.ArgumentParser:
     """Options in user's units: millimetres, degrees, pixels."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog='plan_rig',
         description='Tell whether a part will be found in a working volume by a pair of cameras, how exactly, from '
         'where, and what other cameras would do: predicted from what is visible, and tried on rendered pictures. Exit '

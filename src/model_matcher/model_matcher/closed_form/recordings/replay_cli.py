@@ -14,16 +14,16 @@ from typing import Any
 from tqdm import tqdm
 
 from csg_renderer.mesh.units import GUESS, MESH_UNITS
-from msgs_py.commands import DONE, NOTHING, add_json, run_command
+from msgs_py.commands import DONE, NOTHING, CommandParser, add_json, run_command
 
 from ...model.library import load_library
-from .bag_reader import StereoBag
+from .bag_reader import StereoBag, is_bag
 from .mcap_file import McapFile
 
 
 def replay_parser() -> argparse.ArgumentParser:
     """The options of the command."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog='replay',
         description='Find known objects in every stereo pair of a bag, and write features and poses, each with the '
         'stamp of its images, as a file that ros2 bag and Foxglove open. Exit status 0: something was found, 1: '
@@ -55,6 +55,10 @@ def _run(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
     if (options.left is None) != (options.right is None):
         raise ValueError('--left, --right: expected both, or none of them')
     images = () if options.left is None else (options.left, options.right)
+    if not options.bag.exists():
+        raise FileNotFoundError(f'{options.bag}: no such file or folder')
+    if not is_bag(options.bag):
+        raise ValueError(f'{options.bag}: not a bag, expected a folder of a rosbag2, or a file .mcap, .db3 or .bag')
     library = load_library(options.models, options.mesh_units)
     if library.problems or not library.models:
         raise ValueError('; '.join(library.problems) or f'{", ".join(options.models)}: no model')

@@ -20,7 +20,7 @@ from tqdm import tqdm
 
 from csg_renderer.mesh.units import GUESS, MESH_UNITS
 from msgs_py import FeatureSet
-from msgs_py.commands import DONE, NOTHING, add_json, run_command
+from msgs_py.commands import DONE, NOTHING, CommandParser, add_json, run_command
 
 from ...match_cli import PAIR_FILES
 from ...model.index import ModelIndex
@@ -34,7 +34,7 @@ from .view_files import moment_of, pair_moment, recorded_moments
 
 def view_parser() -> argparse.ArgumentParser:
     """The options of the command."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog='view',
         description='Show in a browser what is seen and found: live from topics without files; of a pair or a '
         'recording with them. Exit status 0: something was found, or the view was live; 1: nothing; 2: bad input.',
@@ -113,7 +113,10 @@ def _moments(models: Sequence[ModelIndex], options: argparse.Namespace) -> list[
     """What the files hold. Raises OSError or ValueError."""
     files = options.files
     if len(files) == PAIR_FILES:
-        return [pair_moment(models, files, options.raw, options.baseline)]
+        moment, hints = pair_moment(options.model, models, files, options.raw, options.baseline)
+        for hint in hints:
+            print(f'view: {hint}', file=sys.stderr)
+        return [moment]
     if len(files) != 1:
         names = ' '.join(map(str, files))
         raise ValueError(

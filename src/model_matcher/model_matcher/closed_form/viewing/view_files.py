@@ -11,7 +11,8 @@ from stereo_recovery import recover
 
 from ...image_pose.views import Views
 from ...model.index import ModelIndex
-from ...pair_match import recovered_pair
+from ...pair_match import hints_of, recovered_pair
+from ...params import MatchParams
 from ...pipeline import survey
 from ...viewing.moments import Moment, Placed, placed_objects
 from ...viewing.page import NoPlotly, write_page
@@ -44,16 +45,19 @@ def moment_of(
 
 
 def pair_moment(
-    models: Sequence[ModelIndex], files: Sequence[Path], raw: bool = False, baseline: float | None = None
-) -> Moment:
-    """The moment of left image, right image and calibration; what is wrong with them is among its words.
+    model: str, models: Sequence[ModelIndex], files: Sequence[Path], raw: bool = False, baseline: float | None = None
+) -> tuple[Moment, list[str]]:
+    """The moment of left image, right image and calibration, and what is wrong with them, which is among its words.
 
     Raises OSError and ValueError as :func:`~model_matcher.pair_match.recovered_pair` does.
     """
     recovered = recovered_pair(files, raw, baseline)
     found = moment_of(models, recovered.features, recovered.views)
-    hints = recovered.doubts() or ([] if found.placed else recovered.remedies())
-    return Moment(None, found.views, found.features, found.placed, '; '.join([found.words, *hints]).strip('; '))
+    hints = recovered.doubts()
+    if not found.placed:
+        hints += hints_of(model, models, recovered.features, MatchParams(), recovered)
+    words = '; '.join([found.words, *hints]).strip('; ')
+    return Moment(None, found.views, found.features, found.placed, words), hints
 
 
 def recorded_moments(
