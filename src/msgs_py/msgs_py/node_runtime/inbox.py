@@ -50,8 +50,11 @@ class Inbox:
                 self._guard.trigger()
 
     def close(self) -> None:
-        """Nothing that waits is called any more, and nobody but the executor calls."""
-        self.turn = None
+        """Nothing that waits is called any more, and nobody but the executor calls; who does now is waited for."""
+        turn, self.turn = self.turn, None
+        if turn is not None:
+            with turn:
+                pass
         self._waiting.clear()
 
     def _take_all(self) -> None:
