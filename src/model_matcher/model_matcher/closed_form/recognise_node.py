@@ -104,8 +104,8 @@ class Recognition:
         if self._recorder is not None:
             self._recorder.finish(self._executors[-1])
         self.hand_over.close()
-        for node in self.nodes:
-            node.inbox.close()
+        for one in self.nodes:
+            one.inbox.close()
         for node, executor in zip(self._all, self._executors):
             executor.shutdown()
             node.destroy_node()
