@@ -210,7 +210,7 @@ MISTAKES = {
     'a unit, for view': (view, ['part_m.csg', *PAIR, '-o', 'found.html'], 1, ('part_m.csg', 'mm taken for m', 'UNITS')),
     'a page without ending': (view, ['part.csg', *PAIR, '-o', 'found'], 2, ('found', '.html')),
     'no calibration, for view': (view, ['part.csg', *PAIR[:2]], 2, ('left.png right.png', 'and calibration')),
-    'no bag': (replay, ['recorded', 'part.csg'], 2, ('recorded', 'no such file or folder')),
+    'no bag': (replay, ['recorded', 'part.csg'], 2, ('recorded', 'no such bag')),
     'a picture for a bag': (replay, ['left.png', 'part.csg'], 2, ('left.png', 'not a bag', '.mcap')),
     'exchanged, for check_rig': (check_rig, ['right.png', 'left.png', PAIR[2]], 1, ('exchanged', 'swapped')),
     'one picture of the camera': (measure_camera, ['left.png'], 2, ('measure_camera:', 'second', 'required')),

@@ -64,6 +64,14 @@ def is_bag(path: Path) -> bool:
     return (path / 'metadata.yaml').exists() or (path.is_file() and path.suffix.lower() in BAGS)
 
 
+def check_bag(path: Path) -> None:
+    """Raise FileNotFoundError or ValueError for a path that is not that of a bag."""
+    if not path.exists():
+        raise FileNotFoundError(f'{path}: no such bag')
+    if not is_bag(path):
+        raise ValueError(f'{path}: not a bag, expected a folder of rosbag2, or a file {", ".join(BAGS)}')
+
+
 class StereoBag:
     """The stereo pairs of a bag.
 
@@ -98,8 +106,7 @@ class StereoBag:
             from rosbags.typesys import Stores, get_typestore
         except ImportError:
             raise ValueError(f'{self.path}: reading bags needs rosbags (pip install rosbags)') from None
-        if not self.path.exists():
-            raise FileNotFoundError(f'{self.path}: no such bag')
+        check_bag(self.path)
         try:
             reader = AnyReader([self.path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
             reader.open()

@@ -17,7 +17,7 @@ from csg_renderer.mesh.units import GUESS, MESH_UNITS
 from msgs_py.commands import DONE, NOTHING, CommandParser, add_json, run_command
 
 from ...model.library import load_library
-from .bag_reader import StereoBag, is_bag
+from .bag_reader import StereoBag, check_bag
 from .mcap_file import McapFile
 
 
@@ -55,10 +55,8 @@ def _run(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
     if (options.left is None) != (options.right is None):
         raise ValueError('--left, --right: expected both, or none of them')
     images = () if options.left is None else (options.left, options.right)
-    if not options.bag.exists():
-        raise FileNotFoundError(f'{options.bag}: no such file or folder')
-    if not is_bag(options.bag):
-        raise ValueError(f'{options.bag}: not a bag, expected a folder of a rosbag2, or a file .mcap, .db3 or .bag')
+    # Before the models are read, and before there is a progress bar.
+    check_bag(options.bag)
     library = load_library(options.models, options.mesh_units)
     if library.problems or not library.models:
         raise ValueError('; '.join(library.problems) or f'{", ".join(options.models)}: no model')
