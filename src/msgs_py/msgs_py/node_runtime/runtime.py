@@ -502,7 +502,14 @@ class GraphNode(ManagedNode, Generic[_C]):
         )
 
     def give(self, publisher: Publisher, value: Adapted[Any]) -> None:
-        """Publish a value's message; nodes of this process that listen with ``adapted`` get the value."""
+        """Publish a value's message; nodes of this process that listen with ``adapted`` get the value.
+
+        Parameters
+        ----------
+        publisher : rclpy.publisher.Publisher
+            Of :meth:`create_output`.
+        value : Adapted
+        """
         publisher.publish(value if isinstance(publisher, Handing) else value.message)
 
     def wanted(self, publisher: Publisher) -> bool:
