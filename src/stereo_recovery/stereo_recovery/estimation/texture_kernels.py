@@ -72,24 +72,31 @@ def _compare(right: Float32Array, places: Float32Array, count: int, p: FloatArra
     Returns how many of them it shows.
     """
     height, width = right.shape
-    first, along, across, gain, shift, rows = np.float32(p[0]), p[1], p[2], np.float32(p[3]), np.float32(p[4]), p[5]
+    # Unsigned indices into the rows one after another: no look whether they are counted from the end.
+    flat = right.ravel()
+    first, along, across = np.float32(p[0]), np.float32(p[1]), np.float32(p[2])
+    gain, shift, rows = np.float32(p[3]), np.float32(p[4]), np.float32(p[5])
     one, half = np.float32(1.0), np.float32(0.5) * gain
+    last, lowest = np.float32(width - 2), np.float32(height - 2)
     m = 0
     for k in range(count):
         s, o = places[0, k], places[1, k]
         there, below = places[2, k] - (first + along * s + across * o), places[3, k] + rows
-        if there < 1.0 or there >= width - 2 or below < 1.0 or below >= height - 2:
+        if not (there >= one and there < last and below >= one and below < lowest):
             continue
-        x, y = int(there), int(below)
-        b, d = np.float32(there - x), np.float32(below - y)
+        x, y = np.int64(there), np.int64(below)
+        b, d = there - np.float32(x), below - np.float32(y)
         a, c = one - b, one - d
+        at = y * width + x
+        above, under, lowermost = at - width, at + width, at + 2 * width
         # Four rows of pixels, each between two columns, and the slopes of the middle ones.
-        top = a * right[y - 1, x] + b * right[y - 1, x + 1]
-        upper = a * right[y, x] + b * right[y, x + 1]
-        lower = a * right[y + 1, x] + b * right[y + 1, x + 1]
-        bottom = a * right[y + 2, x] + b * right[y + 2, x + 1]
-        upper_slope = a * (right[y, x + 1] - right[y, x - 1]) + b * (right[y, x + 2] - right[y, x])
-        lower_slope = a * (right[y + 1, x + 1] - right[y + 1, x - 1]) + b * (right[y + 1, x + 2] - right[y + 1, x])
+        left_up, right_up = flat[np.uintp(at)], flat[np.uintp(at + 1)]
+        left_low, right_low = flat[np.uintp(under)], flat[np.uintp(under + 1)]
+        top = a * flat[np.uintp(above)] + b * flat[np.uintp(above + 1)]
+        upper, lower = a * left_up + b * right_up, a * left_low + b * right_low
+        bottom = a * flat[np.uintp(lowermost)] + b * flat[np.uintp(lowermost + 1)]
+        upper_slope = a * (right_up - flat[np.uintp(at - 1)]) + b * (flat[np.uintp(at + 2)] - left_up)
+        lower_slope = a * (right_low - flat[np.uintp(under - 1)]) + b * (flat[np.uintp(under + 2)] - left_low)
         grey = c * upper + d * lower
         # The residual is left - model, whose derivative by disparity is minus the slope's.
         slope = -half * (c * upper_slope + d * lower_slope)
@@ -101,24 +108,80 @@ def _compare(right: Float32Array, places: Float32Array, count: int, p: FloatArra
 
 
 @njit(fastmath=True)
+def _median_size(values: Float32Array) -> float:
+    """Median of the sizes of values (m,), by halving the interval that holds it: it can be counted eight at a time."""
+    low, high = np.float32(0.0), np.float32(0.0)
+    for k in range(len(values)):
+        high = max(high, abs(values[k]))
+    for _ in range(14):
+        middle, below = np.float32(0.5) * (low + high), np.int32(0)
+        for k in range(len(values)):
+            below += np.int32(abs(values[k]) < middle)
+        if 2 * below < len(values):
+            low = middle
+        else:
+            high = middle
+    return 0.5 * float(low + high)
+
+
+@njit(fastmath=True)
 def _normal_equations(seen: Float32Array, m: int, scale: float, sums: FloatArray) -> float:
-    """Weighted sums (7, 7), below the diagonal, of products of the rows of ``seen``, the last the residual.
+    """Weighted sums (7, 7) of products of the rows of ``seen``, the last the residual.
 
     Returns the sum of truncated squares of residuals.
     """
     width, most = np.float32((CAUCHY * scale) ** -2.0), np.float32(9.0 * scale**2)
-    left_over = np.float32(0.0)
+    left_over, zero = np.float32(0.0), np.float32(0.0)
+    # The fifth row is one.
+    s0, s1, s2, s3, s5, off, weight = seen[0], seen[1], seen[2], seen[3], seen[5], seen[6], seen[7]
     for k in range(m):
-        square = seen[6, k] * seen[6, k]
-        seen[7, k] = np.float32(1.0) / (np.float32(1.0) + square * width)
+        square = off[k] * off[k]
+        weight[k] = np.float32(1.0) / (np.float32(1.0) + square * width)
         left_over += min(square, most)
-    for i in range(UNKNOWNS + 1):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(m):
-                total += float(seen[7, k] * seen[i, k] * seen[j, k])
-            sums[i, j] = sums[j, i] = total
+    sums[:] = 0.0
+    # Sums of few numbers keep their digits.
+    for begin in range(0, m, 256):
+        end = min(begin + 256, m)
+        for i in range(UNKNOWNS + 1):
+            t0 = t1 = t2 = t3 = t4 = t5 = t6 = zero
+            row = seen[i]
+            for k in range(begin, end):
+                part = weight[k] * row[k]
+                t0 += part * s0[k]
+                t1 += part * s1[k]
+                t2 += part * s2[k]
+                t3 += part * s3[k]
+                t4 += part
+                t5 += part * s5[k]
+                t6 += part * off[k]
+            sums[i, 0] += t0
+            sums[i, 1] += t1
+            sums[i, 2] += t2
+            sums[i, 3] += t3
+            sums[i, 4] += t4
+            sums[i, 5] += t5
+            sums[i, 6] += t6
     return float(left_over)
+
+
+@njit
+def _invert(matrix: FloatArray) -> bool:
+    """Invert a symmetric positive definite matrix in place; False where rounding has made it none."""
+    n = len(matrix)
+    for k in range(n):
+        pivot = matrix[k, k]
+        if not pivot > 0.0:
+            return False
+        matrix[k, k] = 1.0
+        for j in range(n):
+            matrix[k, j] /= pivot
+        for i in range(n):
+            if i != k:
+                factor = matrix[i, k]
+                matrix[i, k] = 0.0
+                for j in range(n):
+                    matrix[i, j] -= factor * matrix[k, j]
+    return True
 
 
 @njit
@@ -139,22 +202,21 @@ def _align(
     Returns whether it converged, the covariance (6, 6), and the share of the strip's variance that is explained.
     """
     sums = np.zeros((UNKNOWNS + 1, UNKNOWNS + 1))
-    covariance = np.zeros((UNKNOWNS, UNKNOWNS))
+    covariance = np.empty((UNKNOWNS, UNKNOWNS))
     for _ in range(STRIP_ROUNDS):
         m = _compare(right, places, count, p, seen)
         if m < 4 * UNKNOWNS:
             break
-        scale = np.median(np.abs(seen[6, :m])) / NORMAL_QUARTILE + STRIP_LEAST_SCALE
+        scale = _median_size(seen[6, :m]) / NORMAL_QUARTILE + STRIP_LEAST_SCALE
         left_over = _normal_equations(seen, m, scale, sums)
-        information = sums[:UNKNOWNS, :UNKNOWNS] / scale**2
+        covariance[:] = sums[:UNKNOWNS, :UNKNOWNS] / scale**2
         told = sums[UNKNOWNS, :UNKNOWNS] / scale**2
         for i in range(UNKNOWNS):
-            information[i, i] += prior[i]
+            covariance[i, i] += prior[i]
             # Slopes and rows are none, and the gain is one; the disparity and the shift are where they began.
             if i > 0 and i != 4:
                 told[i] += prior[i] * ((1.0 if i == 3 else 0.0) - p[i])
-        covariance = np.linalg.inv(information)
-        if covariance[0, 0] <= 0.0 or covariance[5, 5] <= 0.0:
+        if not _invert(covariance):
             break  # rounding has the last word: hardly any texture
         step = covariance @ told
         # A small share of what is known is near enough.
