@@ -102,42 +102,54 @@ def second_of(shape: CurveShape) -> FloatArray:
 
 
 @njit
-def _to_plane(shape: CurveShape, seen: Seen, side: int) -> tuple[FloatArray, FloatArray, float]:
+def _to_plane(shape: CurveShape, seen: Seen, side: int) -> tuple[FloatArray, float, float]:
     """How pixels of an image go to a curve's plane.
 
     Returns
     -------
     a : (3, 3) float64
         The adjugate of M: y up to its determinant.
-    b : (3, 6) float64
-        M^-1 K times x, y, z, the curve's normal, first and second.
+    determinant : float
     sign : float
         That makes the conic negative inside.
     """
-    camera = seen.cameras[side]
-    vectors = np.zeros((3, 6))
-    vectors[0, 0] = vectors[1, 1] = vectors[2, 2] = 1.0
-    vectors[:, 3], vectors[:, 4], vectors[:, 5] = shape.normal, shape.first, second_of(shape)
-    k = np.array([[camera[0], 0.0, camera[2]], [0.0, camera[1], camera[3]], [0.0, 0.0, 1.0]])
-    m = np.empty((3, 3))
-    centre = shape.centre.copy()
-    centre[0] -= side * seen.baseline
-    m[:, 0], m[:, 1], m[:, 2] = shape.radii[0] * vectors[:, 4], shape.radii[1] * vectors[:, 5], centre
-    m = k @ m
-    a = np.empty((3, 3))
+    camera, second = seen.cameras[side], second_of(shape)
+    m, a = np.empty((3, 3)), np.empty((3, 3))
+    for i in range(3):
+        m[i, 0], m[i, 1] = shape.radii[0] * shape.first[i], shape.radii[1] * second[i]
+        m[i, 2] = shape.centre[i] - (side * seen.baseline if i == 0 else 0.0)
+    for j in range(3):
+        m[0, j] = camera[0] * m[0, j] + camera[2] * m[2, j]
+        m[1, j] = camera[1] * m[1, j] + camera[3] * m[2, j]
     for i in range(3):
         for j in range(3):
             r, s, c, d = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
             a[i, j] = m[r, c] * m[s, d] - m[r, d] * m[s, c]
-    determinant = (m[0] * a[:, 0]).sum()
-    trace = (a[:2, :2] ** 2).sum() - (a[2, :2] ** 2).sum()
-    return a, a @ k @ vectors / (determinant + SMALLEST), (1.0 if trace >= 0.0 else -1.0)
+    determinant = m[0, 0] * a[0, 0] + m[0, 1] * a[1, 0] + m[0, 2] * a[2, 0]
+    trace = a[0, 0] ** 2 + a[0, 1] ** 2 + a[1, 0] ** 2 + a[1, 1] ** 2 - a[2, 0] ** 2 - a[2, 1] ** 2
+    return a, determinant, (1.0 if trace >= 0.0 else -1.0)
+
+
+@njit
+def _moves(shape: CurveShape, seen: Seen, side: int, a: FloatArray, determinant: float) -> FloatArray:
+    """(3, 6): M^-1 K times x, y, z, the curve's normal, first and second, of what :func:`_to_plane` returns."""
+    camera, second = seen.cameras[side], second_of(shape)
+    b = np.empty((3, 6))
+    scale = 1.0 / (determinant + SMALLEST)
+    for i in range(3):
+        x, y = scale * a[i, 0] * camera[0], scale * a[i, 1] * camera[1]
+        z = scale * (a[i, 0] * camera[2] + a[i, 1] * camera[3] + a[i, 2])
+        b[i, 0], b[i, 1], b[i, 2] = x, y, z
+        b[i, 3] = x * shape.normal[0] + y * shape.normal[1] + z * shape.normal[2]
+        b[i, 4] = x * shape.first[0] + y * shape.first[1] + z * shape.first[2]
+        b[i, 5] = x * second[0] + y * second[1] + z * second[2]
+    return b
 
 
 @njit
 def image_conic(shape: CurveShape, seen: Seen, side: int) -> FloatArray:
     """(3, 3) float64: the image conic of a curve, negative inside; side : 0 left, 1 right."""
-    a, _b, sign = _to_plane(shape, seen, side)
+    a, _determinant, sign = _to_plane(shape, seen, side)
     conic = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
@@ -166,7 +178,8 @@ def _residuals(
     shape: CurveShape, seen: Seen, side: int, index: IntArray, distance: FloatArray, bias: FloatArray, rows: FloatArray
 ) -> None:
     """:func:`residuals` in one image."""
-    a, b, sign = _to_plane(shape, seen, side)
+    a, determinant, sign = _to_plane(shape, seen, side)
+    b = _moves(shape, seen, side, a, determinant)
     major, minor = shape.radii[0], shape.radii[1]
     for k in range(len(index)):
         u, v = seen.points[index[k], 0], seen.points[index[k], 1]
@@ -456,8 +469,7 @@ def sectors(shape: CurveShape, seen: Seen, index: IntArray) -> IntArray:
 @njit
 def angles(shape: CurveShape, seen: Seen, index: IntArray) -> FloatArray:
     """(k,) float64, turns: where on a curve edgels are, see :func:`.curve.angles`."""
-    a0, _b, _s = _to_plane(shape, seen, 0)
-    a1, _b, _s = _to_plane(shape, seen, 1)
+    a0, a1 = _to_plane(shape, seen, 0)[0], _to_plane(shape, seen, 1)[0]
     result = np.empty(len(index))
     for k in range(len(index)):
         a = a0 if index[k] < seen.left_count else a1
