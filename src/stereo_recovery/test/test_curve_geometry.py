@@ -17,12 +17,11 @@ from stereo_recovery.curves.axis_constraint import AxisConstraint
 from stereo_recovery.curves.curve import Curve, camera_views, curve_features, flipped, image_conic
 from stereo_recovery.curves.curved_shapes import distinct
 from stereo_recovery.curves.fit import refine
-from stereo_recovery.curves.initialisation import back_projected, circles_of_ellipse
 from stereo_recovery.curves.observations import StereoEdgels
 from stereo_recovery.curves.occluding_contours import CurvedSurface, on_contours, tangents
 from stereo_recovery.curves.orientation import oriented_by_faces
+from stereo_recovery.curves.start_kernels import back_projected, circles_of_ellipse
 from stereo_recovery.detection.chains import chains_of
-from stereo_recovery.detection.conics import Ellipse
 from stereo_recovery.detection.edgels import Edgels, blur_variance, detect
 from stereo_recovery.detection.junctions import find_junctions
 from stereo_recovery.detection.segments import Segments
@@ -179,9 +178,10 @@ def test_derivatives_of_residuals_are_those_of_differences(circle):
 def test_an_ellipse_back_projected_onto_its_plane_is_the_curve(normal, ratio, x):
     true = curve([x, 0.01, 0.25], normal, 0.015, 0.015 * ratio)
     plane = true.normal / (true.normal @ true.centre)
-    for view in VIEWS:
-        found = back_projected(Ellipse(image_conic(true, view), 0.0), plane, view)
-        assert found is not None
+    seen = both(true).seen
+    for side, view in enumerate(VIEWS):
+        good, found = back_projected(image_conic(true, view), plane, seen, side)
+        assert good
         assert np.allclose(found.centre, true.centre, atol=1e-9)
         assert np.allclose(found.radii, true.radii, rtol=1e-6)
 
@@ -448,7 +448,7 @@ def test_one_of_the_two_circles_that_look_like_an_ellipse_is_the_true_one(is_rig
     points = points_of(true, 9, (0.3, 2.0))
     at = RIG.left.project(points)
     samples = np.column_stack([at, RIG.left.fx * RIG.baseline / points[:, 2]])
-    found = circles_of_ellipse(Ellipse(image_conic(true, VIEWS[is_right]), 0.0), samples, RIG, is_right)
+    found = circles_of_ellipse(image_conic(true, VIEWS[is_right]), samples, both(true).seen, int(is_right))
     best = min(found, key=lambda c: angle_between(c.normal, true.normal))
     assert angle_between(best.normal, true.normal) < 0.01
     assert np.linalg.norm(best.centre - true.centre) < 1e-6

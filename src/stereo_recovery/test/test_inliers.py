@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from msgs_py import PinholeCamera
+from msgs_py import PinholeCamera, StereoRig
 from stereo_recovery.curves import inlier_kernels
-from stereo_recovery.curves.curve import CameraView, Curve, CurveShape
-from stereo_recovery.curves.fit import is_line
+from stereo_recovery.curves.curve import Curve, CurveShape
+from stereo_recovery.curves.fit_kernels import is_line
+from stereo_recovery.curves.observations import StereoEdgels
 from stereo_recovery.curves.settings import CORNER_EDGELS, INLIER_DISTANCE
+from stereo_recovery.detection.edgels import Edgels
 
 CIRCLE = np.diag([1.0, 1.0, -400.0])
 
@@ -22,7 +24,10 @@ def around(count: int, radius: float = 20.0, share: float = 1.0) -> tuple[np.nda
 
 def on_circle(position: np.ndarray, direction: np.ndarray, conic: np.ndarray = CIRCLE) -> np.ndarray:
     """Edgels on the circle or another conic, as those of a curve are."""
-    return np.asarray(inlier_kernels.on_conic(conic, position, direction, INLIER_DISTANCE))
+    on = np.zeros(len(position), bool)
+    around = inlier_kernels.boxes(position)
+    on[inlier_kernels.on_conic(conic, position, direction, around, INLIER_DISTANCE)] = True
+    return on
 
 
 def test_edgels_belong_by_distance_and_by_gradient():
@@ -39,14 +44,14 @@ def test_runs_lose_their_ends_and_short_ones_go():
     mask = np.zeros(40, bool)
     # A single edgel, a run of three, and one of ten.
     mask[[0, 5, 6, 7, *range(12, 22)]] = True
-    kept = inlier_kernels.without_ends(mask, position)
+    kept = inlier_kernels.without_ends(np.flatnonzero(mask), position)
     assert kept.tolist() == list(range(12 + CORNER_EDGELS, 22 - CORNER_EDGELS))
 
 
 def test_a_closed_run_has_no_ends():
     position, _ = around(60)
-    assert len(inlier_kernels.without_ends(np.ones(60, bool), position)) == 60
-    assert len(inlier_kernels.without_ends(np.zeros(60, bool), position)) == 0
+    assert len(inlier_kernels.without_ends(np.arange(60), position)) == 60
+    assert len(inlier_kernels.without_ends(np.arange(0), position)) == 0
 
 
 @pytest.mark.parametrize(('degrees', 'line'), [(0.0, True), (1.0, True), (3.0, False), (30.0, False), (90.0, False)])
@@ -55,10 +60,11 @@ def test_a_circle_seen_edge_on_is_a_line(degrees, line):
     angle = np.radians(degrees)
     centre, normal = np.array([0.0, 0.0, 1.0]), np.array([np.cos(angle), 0.0, np.sin(angle)])
     curve = Curve.unfitted(CurveShape(centre, normal, np.array([0.0, 1.0, 0.0]), np.full(2, 0.02)))
-    camera = PinholeCamera.centred(640, 480, 1000.0)
-    assert is_line(curve, CameraView(camera, 0.0)) == line
+    rig = StereoRig.symmetric(PinholeCamera.centred(640, 480, 1000.0), 0.3)
+    seen = StereoEdgels(Edgels.empty(), Edgels.empty(), rig, 0.0).seen
+    assert is_line(curve.shape, seen, 0) == line
     # From the side the other camera sees its face.
-    assert not is_line(curve, CameraView(camera, 0.3))
+    assert not is_line(curve.shape, seen, 1)
 
 
 @pytest.mark.parametrize(('wide', 'high', 'turn'), [(20.0, 20.0, 0.0), (60.0, 15.0, 0.4), (30.0, 5.0, 1.3)])

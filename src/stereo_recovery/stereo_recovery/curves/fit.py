@@ -9,7 +9,7 @@ import numpy as np
 from msgs_py.numeric.typed import FloatArray, IntArray
 
 from . import fit_kernels, settings
-from .curve import CameraView, Curve, CurveShape
+from .curve import Curve, CurveShape
 from .fit_kernels import Axis, Fit
 from .observations import StereoEdgels
 from .orientation import outward
@@ -72,14 +72,16 @@ def recover_curve(start: Curve, edgels: StereoEdgels, chosen: IntArray, axis: Ax
     Curve or None
         With its edgels, arc, coverage and a normal out of its face; None when it does not fit, or looks like a line.
     """
-    found, belongs, (first, extent, coverage) = fit_kernels.recovered(start.shape, edgels.seen, chosen, axis)
+    return of_fit(*fit_kernels.recovered(start.shape, edgels.seen, chosen, axis), edgels)
+
+
+def of_fit(found: Fit, belongs: IntArray, arc: tuple[float, float, float], edgels: StereoEdgels) -> Curve | None:
+    """The curve of what :func:`.fit_kernels.recovered` returns; None where it is not good."""
     if not found.good:
         return None
-    curve = _with_fit(start, found)
-    if any(is_line(curve, view) for _, view in edgels.sides):
-        return None
+    shape, covariance, rms, misfit = found[1:]
     left, right = edgels.masks(belongs)
-    return outward(replace(curve, left=left, right=right, arc=(first, extent), coverage=coverage))
+    return outward(Curve(*shape, covariance, float(rms), left, right, arc[:2], arc[2], float(misfit)))
 
 
 def distances(curve: Curve, edgels: StereoEdgels, index: IntArray) -> FloatArray:
@@ -90,13 +92,6 @@ def distances(curve: Curve, edgels: StereoEdgels, index: IntArray) -> FloatArray
     distance, bias = np.empty(len(index)), np.empty(len(index))
     fit_kernels.residuals(curve.shape, edgels.seen, index, distance, bias, np.empty((0, 0)))
     return distance
-
-
-def is_line(curve: Curve, view: CameraView) -> bool:
-    """Whether a camera sees a curve so flat that all edgels of a straight line would belong to it."""
-    sight = curve.centre - view.centre
-    width = view.camera.fx * curve.radii[0] * abs(float(curve.normal @ sight)) / float(sight @ sight)
-    return bool(width < settings.INLIER_DISTANCE)
 
 
 def is_determined(curve: Curve) -> bool:

@@ -514,9 +514,9 @@ def inliers(found: Fit, seen: Seen, side: int, wide: bool) -> tuple[IntArray, In
     """
     first, last = (0, seen.left_count) if side == 0 else (seen.left_count, len(seen.points))
     conic = image_conic(found.shape, seen, side)
-    near = on_conic(conic, seen.points[first:last], seen.direction[first:last], INLIER_DISTANCE)
-    belongs = first + np.flatnonzero(near)
-    index = first + without_ends(near, seen.points[first:last])
+    points = seen.points[first:last]
+    near = on_conic(conic, points, seen.direction[first:last], seen.boxes[side], INLIER_DISTANCE)
+    belongs, index = first + near, first + without_ends(near, points)
     if len(index) == 0:
         return belongs, index
     distance, bias, rows = np.empty(len(index)), np.empty(len(index)), np.empty((len(index), 6))
@@ -560,6 +560,14 @@ def visible_arc(shape: CurveShape, seen: Seen, index: IntArray) -> tuple[float, 
     if longest <= LONGEST_GAP_BINS:
         return 0.0, 2.0 * np.pi, coverage
     return turn * ((last + 1) % ARC_BINS), turn * (ARC_BINS - min(longest, ARC_BINS)), coverage
+
+
+@njit
+def is_line(shape: CurveShape, seen: Seen, side: int) -> bool:
+    """Whether a camera sees a curve so flat that all edgels of a straight line would belong to it."""
+    x, y, z = shape.centre[0] - side * seen.baseline, shape.centre[1], shape.centre[2]
+    away = abs(shape.normal[0] * x + shape.normal[1] * y + shape.normal[2] * z)
+    return bool(seen.cameras[side, 0] * shape.radii[0] * away < INLIER_DISTANCE * (x * x + y * y + z * z))
 
 
 @njit(nogil=True)
@@ -611,6 +619,7 @@ def recovered(
             other = fit(found.shape, False, seen, chosen, axis, ROUNDS)
             if other.good and other.rms**2 * ELLIPSE_GAIN < found.rms**2:
                 found, circle = other, False
-    if found.rms > WORST_RMS or found.shape.centre[2] <= 0.0:
+    line = is_line(found.shape, seen, 0) or is_line(found.shape, seen, 1)
+    if found.rms > WORST_RMS or found.shape.centre[2] <= 0.0 or line:
         found = Fit(False, found.shape, found.covariance, np.inf, np.inf)
     return found, belongs, visible_arc(found.shape, seen, chosen)

@@ -5,34 +5,60 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
+from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..detection.settings import LEAST_DIVISOR
 from .settings import ACROSS_COSINE, CLOSED_EDGELS, CORNER_EDGELS, RUN_GAP
 
+# So many edgels in a row have one box.
+BLOCK = 64
+
 
 @njit
-def on_conic(conic: FloatArray, position: FloatArray, direction: FloatArray, most: float) -> BoolArray:
-    """(n,) bool: edgels nearer than this to a conic, pixels, whose gradients are square to it up to ACROSS_COSINE.
+def boxes(position: FloatArray) -> FloatArray:
+    """(b, 4) float64, pixels: least and largest column and row of every BLOCK edgels in a row.
 
-    conic : (3, 3), symmetric; position : (n, 2) pixels; direction : (n,) radians, of the gradients
+    position : (n, 2) pixels, in the order of chains, so that those in a row are near each other
     """
-    belongs = np.zeros(len(position), np.bool_)
+    out = np.empty(((len(position) + BLOCK - 1) // BLOCK, 4))
+    for k in range(len(out)):
+        some = position[k * BLOCK : (k + 1) * BLOCK]
+        out[k, 0], out[k, 1] = some[:, 0].min(), some[:, 1].min()
+        out[k, 2], out[k, 3] = some[:, 0].max(), some[:, 1].max()
+    return out
+
+
+@njit
+def on_conic(
+    conic: FloatArray, position: FloatArray, direction: FloatArray, around: FloatArray, most: float
+) -> IntArray:
+    """(k,) int64: edgels nearer than this to a conic, pixels, whose gradients are square to it up to ACROSS_COSINE.
+
+    conic : (3, 3), symmetric; position : (n, 2) pixels; direction : (n,) radians, of the gradients; around : of
+    :func:`boxes`
+    """
+    belongs = np.empty(len(position), np.int64)
+    count = 0
     left, top, right, bottom = _box(conic, most)
-    for k in range(len(position)):
-        x, y = position[k, 0], position[k, 1]
-        if x < left or x > right or y < top or y > bottom:
+    for b in range(len(around)):
+        if around[b, 2] < left or around[b, 0] > right or around[b, 3] < top or around[b, 1] > bottom:
             continue
-        # Half the conic's gradient, and its value, to first order their ratio times two is the distance.
-        gx = conic[0, 0] * x + conic[1, 0] * y + conic[2, 0]
-        gy = conic[0, 1] * x + conic[1, 1] * y + conic[2, 1]
-        value = gx * x + gy * y + conic[0, 2] * x + conic[1, 2] * y + conic[2, 2]
-        square = gx * gx + gy * gy
-        if value * value >= (2.0 * most) ** 2 * max(square, LEAST_DIVISOR**2):
-            continue
-        cosine = abs(gx * np.cos(direction[k]) + gy * np.sin(direction[k]))
-        belongs[k] = cosine > ACROSS_COSINE * np.sqrt(square)
-    return belongs
+        for k in range(b * BLOCK, min((b + 1) * BLOCK, len(position))):
+            x, y = position[k, 0], position[k, 1]
+            if x < left or x > right or y < top or y > bottom:
+                continue
+            # Half the conic's gradient, and its value, to first order their ratio times two is the distance.
+            gx = conic[0, 0] * x + conic[1, 0] * y + conic[2, 0]
+            gy = conic[0, 1] * x + conic[1, 1] * y + conic[2, 1]
+            value = gx * x + gy * y + conic[0, 2] * x + conic[1, 2] * y + conic[2, 2]
+            square = gx * gx + gy * gy
+            if value * value >= (2.0 * most) ** 2 * max(square, LEAST_DIVISOR**2):
+                continue
+            cosine = abs(gx * np.cos(direction[k]) + gy * np.sin(direction[k]))
+            if cosine > ACROSS_COSINE * np.sqrt(square):
+                belongs[count] = k
+                count += 1
+    return belongs[:count].copy()
 
 
 @njit
@@ -51,12 +77,11 @@ def _box(conic: FloatArray, most: float) -> tuple[float, float, float, float]:
 
 
 @njit
-def without_ends(mask: BoolArray, position: FloatArray) -> IntArray:
-    """(k,) int64: edgels of a mask whose runs of neighbours in chain order have lost CORNER_EDGELS at either end.
+def without_ends(index: IntArray, position: FloatArray) -> IntArray:
+    """(k,) int64: edgels (m,), ascending, whose runs of neighbours in chain order have lost CORNER_EDGELS at both ends.
 
     Short runs go altogether. position : (n, 2) pixels
     """
-    index = np.flatnonzero(mask)
     kept = np.empty(len(index), np.int64)
     count, first = 0, 0
     if len(index) < 2:

@@ -13,6 +13,7 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 from ..detection.edgels import Edgels
 from .curve import CameraView, camera_views
+from .inlier_kernels import boxes
 
 # Masks over the edgels of the left and of the right image.
 EdgelMasks = tuple[BoolArray, BoolArray]
@@ -36,6 +37,8 @@ class Seen(NamedTuple):
         Metres.
     blur : float
         Squared pixels. Variance of the smoothing that edgels have gone through; 0 for points that come from no image.
+    boxes : ((b, 4), (c, 4)) float64, pixels
+        Of the left and of the right image's, see :func:`.inlier_kernels.boxes`.
     """
 
     points: FloatArray
@@ -46,6 +49,7 @@ class Seen(NamedTuple):
     cameras: FloatArray
     baseline: float
     blur: float
+    boxes: tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,4 +98,5 @@ class StereoEdgels:
             np.array([view.intrinsics for view in camera_views(self.rig)]),
             float(self.rig.baseline),
             float(self.blur),
+            (boxes(left.position), boxes(right.position)),
         )

@@ -10,17 +10,15 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from msgs_py.numeric.typed import IntArray
-
 from ..detection.conics import Ellipse
 from ..detection.segments import Segments
 from ..matching.matches import Matches
 from ..stopwatch import Late, never
-from . import settings
+from . import settings, start_kernels
 from .axis_constraint import made_parallel, refitted_on_axes
-from .curve import Curve, camera_views
-from .fit import distances, is_determined, recover_curve, refine
-from .initialisation import ArcPair, arc_pairs, back_projected, circles_of_ellipse, plane_of_samples
+from .curve import Curve
+from .fit import is_determined, of_fit
+from .initialisation import ArcPair, arc_pairs
 from .observations import StereoEdgels
 
 
@@ -93,44 +91,10 @@ def _is_clear(curve: Curve, pair: ArcPair) -> bool:
 
 
 def _free_curve(pair: ArcPair, edgels: StereoEdgels) -> Curve | None:
-    """The curve that a pair of arcs shows, from the best of the starts and from the best in another plane.
-
-    Two planes may fit one arc alike; all the edgels that either curve has decide between them.
-    """
-    index = _index(pair, edgels)
-    if min(len(side) for side in pair.edgels) < settings.LEAST_CURVE_EDGELS:
+    """The curve that a pair of arcs shows."""
+    if min(len(side) for side in pair.edgels) < settings.LEAST_CURVE_EDGELS or len(pair.samples) == 0:
         return None
-    starts = [
-        start
-        for ellipse, is_right in pair.ellipses
-        for start in circles_of_ellipse(ellipse, pair.samples, edgels.rig, is_right)
-    ]
-    if pair.is_pair:
-        plane = plane_of_samples(pair.samples, edgels.rig)
-        seen = back_projected(pair.ellipses[0][0], plane, camera_views(edgels.rig)[0])
-        starts += [] if seen is None else [seen]
-    tried = [refine(start, edgels, index=index, rough=True) for start in starts]
-    good = sorted((c for c in tried if c is not None), key=lambda c: c.rms)
-    good = [c for c in good if c.rms < settings.INLIER_DISTANCE]
-    others = [c for c in good[1:] if abs(c.normal @ good[0].normal) < settings.SAME_PLANE_COSINE]
-    curves = [recover_curve(start, edgels, index) for start in good[:1] + others[:1]]
-    return _likelier([c for c in curves if c is not None], index, edgels)
-
-
-def _index(pair: ArcPair, edgels: StereoEdgels) -> IntArray:
-    """(k,) int64: the edgels of a pair of arcs by their numbers in ``edgels.seen``."""
-    return np.concatenate([pair.edgels[0], pair.edgels[1] + len(edgels.left)])
-
-
-def _likelier(curves: list[Curve], index: IntArray, edgels: StereoEdgels) -> Curve | None:
-    """The curve of least truncated residuals over given edgels and those of all the curves."""
-    if len(curves) < 2:
-        return curves[0] if curves else None
-    masks = [np.concatenate([curve.left, curve.right]) for curve in curves]
-    chosen = np.union1d(index, np.flatnonzero(np.any(masks, axis=0)))
-    limit = settings.INLIER_SIGMA * np.hypot(edgels.seen.sigma, edgels.seen.bias)[chosen] + settings.GOOD_RMS
-
-    def cost(curve: Curve) -> float:
-        return float(np.minimum(np.abs(distances(curve, edgels, chosen)) / limit, 1.0).sum())
-
-    return min(curves, key=cost)
+    index = np.concatenate([pair.edgels[0], pair.edgels[1] + len(edgels.left)])
+    conics = np.stack([ellipse.conic for ellipse, _ in pair.ellipses])
+    sides = np.array([int(is_right) for _, is_right in pair.ellipses])
+    return of_fit(*start_kernels.free_curve(conics, sides, pair.samples, index, edgels.seen), edgels)

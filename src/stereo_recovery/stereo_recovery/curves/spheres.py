@@ -85,7 +85,7 @@ def _contour_conic(sphere: FloatArray, view: CameraView) -> FloatArray:
 def _on_contour(sphere: FloatArray, edgels: StereoEdgels) -> EdgelMasks:
     """Edgels of the two images on a sphere's contours."""
     left, right = (
-        on_conic(_contour_conic(sphere, view), side.position, side.direction, settings.INLIER_DISTANCE)
-        for side, view in edgels.sides
+        on_conic(_contour_conic(sphere, view), side.position, side.direction, around, settings.INLIER_DISTANCE)
+        for (side, view), around in zip(edgels.sides, edgels.seen.boxes)
     )
-    return left, right
+    return edgels.masks(np.concatenate([left, len(edgels.left) + right]))
