@@ -72,11 +72,12 @@ def recover_curve(start: Curve, edgels: StereoEdgels, chosen: IntArray, axis: Ax
     Curve or None
         With its edgels, arc, coverage and a normal out of its face; None when it does not fit, or looks like a line.
     """
-    return of_fit(*fit_kernels.recovered(start.shape, edgels.seen, chosen, axis), edgels)
+    return of_fit(fit_kernels.recovered(start.shape, edgels.seen, chosen, axis), edgels)
 
 
-def of_fit(found: Fit, belongs: IntArray, arc: tuple[float, float, float], edgels: StereoEdgels) -> Curve | None:
+def of_fit(recovered: tuple[Fit, IntArray, tuple[float, float, float]], edgels: StereoEdgels) -> Curve | None:
     """The curve of what :func:`.fit_kernels.recovered` returns; None where it is not good."""
+    found, belongs, arc = recovered
     if not found.good:
         return None
     shape, covariance, rms, misfit = found[1:]

@@ -97,4 +97,4 @@ def _free_curve(pair: ArcPair, edgels: StereoEdgels) -> Curve | None:
     index = np.concatenate([pair.edgels[0], pair.edgels[1] + len(edgels.left)])
     conics = np.stack([ellipse.conic for ellipse, _ in pair.ellipses])
     sides = np.array([int(is_right) for _, is_right in pair.ellipses])
-    return of_fit(*start_kernels.free_curve(conics, sides, pair.samples, index, edgels.seen), edgels)
+    return of_fit(start_kernels.free_curve(conics, sides, pair.samples, index, edgels.seen), edgels)

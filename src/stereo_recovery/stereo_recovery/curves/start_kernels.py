@@ -39,7 +39,8 @@ def _across(normal: FloatArray) -> FloatArray:
     axis = np.zeros(3)
     axis[np.argmin(np.abs(normal))] = 1.0
     first = _cross(normal, axis)
-    return first / np.sqrt((first * first).sum())
+    first /= np.sqrt((first * first).sum())
+    return first
 
 
 @njit
@@ -85,7 +86,8 @@ def plane_of_samples(samples: FloatArray, seen: Seen) -> FloatArray:
     offset = told[2, 0] - slope_u * u - slope_v * v - (cx - seen.cameras[1, 2])
     # The disparity is fx baseline / z, and 1 / z = N . ray.
     plane = np.array([fx * slope_u, fy * slope_v, cx * slope_u + cy * slope_v + offset])
-    return plane / (fx * seen.baseline)
+    plane /= fx * seen.baseline
+    return plane
 
 
 @njit
