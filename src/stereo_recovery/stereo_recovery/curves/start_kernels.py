@@ -38,7 +38,7 @@ def _across(normal: FloatArray) -> FloatArray:
     """(3,): a unit vector square to a unit vector (3,)."""
     axis = np.zeros(3)
     axis[np.argmin(np.abs(normal))] = 1.0
-    first = _cross(normal, axis)
+    first: FloatArray = _cross(normal, axis)
     first /= np.sqrt((first * first).sum())
     return first
 

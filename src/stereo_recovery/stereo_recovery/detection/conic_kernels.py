@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import FloatArray, Int32Array, IntArray
+from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 
 from .settings import (
     ARC_INLIERS,
@@ -24,6 +24,7 @@ from .settings import (
     LEAST_TURN,
     LEAST_WEIGHT_SHARE,
     MOST_ARC_BREAKS,
+    SHARPEST_BREAK,
     SHORTEST_ARC,
     SMALLEST,
 )
@@ -188,8 +189,8 @@ def _arc_of(points: FloatArray, tolerance: float) -> tuple[bool, FloatArray, flo
     return not off[int(ARC_INLIERS * (len(points) - 1))] > tolerance, q, rms
 
 
-@njit(nogil=True)
-def claim(
+@njit
+def _claim(
     segments: IntArray,
     turns: FloatArray,
     position: FloatArray,
@@ -197,40 +198,20 @@ def claim(
     bounds: IntArray,
     sagitta: FloatArray,
     arc: Int32Array,
-    label: int,
-) -> tuple[FloatArray, FloatArray]:
-    """The longest stretches of a run of segments that one ellipse explains each; writes their labels into ``arc``.
+    conics: FloatArray,
+    errors: FloatArray,
+    found: int,
+) -> int:
+    """The longest stretches of a run of segments that one ellipse explains each; returns how many there are then.
 
-    Parameters
-    ----------
-    segments : (k,) int64
-        The run; twice in a row for a closed chain.
-    turns : (k - 1,) float64, radians
-        Between the segments.
-    position : (n, 2) float64, pixels
-        Edgels.
-    limit : (n,) float64, pixels
-        Largest offset of each from its curve.
-    bounds : (m, 2) int64
-    sagitta : (m,) float64, pixels
-    arc : (m,) int32
-        Of all segments, see :class:`.segments.Segments`; arc is changed.
-    label : int
-        The first new one.
-
-    Returns
-    -------
-    conics : (c, 6) float64
-        See :func:`fit`.
-    rms : (c,) float64, pixels
+    segments : (k,), twice in a row for a closed chain; turns : (k - 1,) radians, between them; arc : (m,) of all
+    segments, conics, errors : (m, 6), (m,), are filled from ``found`` on; the others as of :func:`arcs`
     """
     k = len(segments)
     total = 0
     for i in range(k):
         total += bounds[segments[i], 1] - bounds[segments[i], 0]
     points, slack = np.empty((total, 2)), np.empty(total)
-    conics, errors = np.empty((k, 6)), np.empty(k)
-    found = 0
     first = 0
     while first + 1 < k:
         taken = False
@@ -258,7 +239,7 @@ def claim(
             if not is_arc:
                 continue
             for i in range(first, last + 1):
-                arc[segments[i]] = label + found
+                arc[segments[i]] = found
             conics[found], errors[found] = q, rms
             found += 1
             first = last
@@ -266,7 +247,69 @@ def claim(
             break
         if not taken:
             first += 1
-    return conics[:found], errors[:found]
+    return found
+
+
+@njit(nogil=True)
+def arcs(
+    chain: IntArray,
+    closed: BoolArray,
+    direction: FloatArray,
+    position: FloatArray,
+    limit: FloatArray,
+    bounds: IntArray,
+    sagitta: FloatArray,
+) -> tuple[Int32Array, FloatArray, FloatArray]:
+    """The arcs of chains: runs of segments that turn one way are tried as ellipses, the longest first.
+
+    Parameters
+    ----------
+    chain : (m,) int64
+        Of each segment.
+    closed : (c,) bool
+        Of the chains.
+    direction : (m, 2) float64
+    position : (n, 2) float64, pixels
+        Edgels.
+    limit : (n,) float64, pixels
+        Largest offset of each from its curve.
+    bounds : (m, 2) int64
+    sagitta : (m,) float64, pixels
+        Of the segments, see :class:`.segments.Segments`.
+
+    Returns
+    -------
+    arc : (m,) int32
+        The ellipse of each segment, or -1.
+    conics : (k, 6) float64
+        See :func:`fit`.
+    rms : (k,) float64, pixels
+    """
+    count = len(chain)
+    arc, conics, errors = np.full(count, -1, np.int32), np.empty((count, 6)), np.empty(count)
+    angle = np.arctan2(direction[:, 1], direction[:, 0])
+    found, first = 0, 0
+    while first < count:
+        last = first + 1
+        while last < count and chain[last] == chain[first]:
+            last += 1
+        own = last - first
+        # Of a closed chain twice round.
+        size = 2 * own if own >= 3 and closed[chain[first]] else own
+        members, turns = first + np.arange(size) % own, np.empty(size - 1)
+        for k in range(size - 1):
+            turns[k] = (angle[members[k + 1]] - angle[members[k]] + np.pi) % (2.0 * np.pi) - np.pi
+        k = 0
+        while own >= 2 and k < size - 1:
+            end = k + 1
+            if turns[k] != 0.0 and abs(turns[k]) < SHARPEST_BREAK:
+                while end < size - 1 and abs(turns[end]) < SHARPEST_BREAK and np.sign(turns[end]) == np.sign(turns[k]):
+                    end += 1
+                some = members[k : end + 1], turns[k:end]
+                found = _claim(some[0], some[1], position, limit, bounds, sagitta, arc, conics, errors, found)
+            k = end
+        first = last
+    return arc, conics[:found], errors[:found]
 
 
 @njit

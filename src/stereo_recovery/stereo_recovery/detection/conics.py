@@ -15,7 +15,6 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array
 
 from . import conic_kernels
 from .segments import Segments
-from .settings import SHARPEST_BREAK
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,54 +125,7 @@ def find_arcs(
     ----------
     Thesis 3.10.3.
     """
-    arc = np.full(len(segments), -1, np.int32)
-    ellipses: list[Ellipse] = []
-    if len(segments) < 3:
-        return arc, ellipses
-    chain, direction = segments.chain, segments.direction
-    angle = np.arctan2(direction[:, 1], direction[:, 0])
-    turn = (np.diff(angle) + np.pi) % (2.0 * np.pi) - np.pi
-    same = chain[1:] == chain[:-1]
-    starts = np.flatnonzero(np.concatenate([[True], ~same]))
-    for first, last in zip(starts, np.append(starts[1:], len(segments))):
-        if last - first < 2:
-            continue
-        members = np.arange(first, last)
-        turns = turn[first : last - 1]
-        if closed[chain[first]] and last - first >= 3:
-            members = np.concatenate([members, members])
-            join = (angle[first] - angle[last - 1] + np.pi) % (2.0 * np.pi) - np.pi
-            turns = np.concatenate([turns, [join], turns])
-        for start, end in _runs(turns):
-            conics, errors = conic_kernels.claim(
-                np.ascontiguousarray(members[start : end + 1]),
-                np.ascontiguousarray(turns[start:end]),
-                position,
-                limit,
-                segments.bounds,
-                segments.sagitta,
-                arc,
-                len(ellipses),
-            )
-            ellipses += [Ellipse(symmetric(q), float(rms)) for q, rms in zip(conics, errors)]
-    return arc, ellipses
-
-
-def _runs(turns: FloatArray) -> list[tuple[int, int]]:
-    """Stretches [first, last] of segments between which the turn keeps its sign and is no sharp corner.
-
-    turns : (n - 1,) float64, radians, between n segments in a row
-    """
-    sign = np.where(np.abs(turns) < SHARPEST_BREAK, np.sign(turns), 0)
-    runs = []
-    k = 0
-    while k < len(sign):
-        if sign[k] == 0:
-            k += 1
-            continue
-        end = k
-        while end + 1 < len(sign) and sign[end + 1] == sign[k]:
-            end += 1
-        runs.append((k, end + 1))
-        k = end + 1
-    return runs
+    arc, conics, errors = conic_kernels.arcs(
+        segments.chain, closed, segments.direction, position, limit, segments.bounds, segments.sagitta
+    )
+    return arc, [Ellipse(symmetric(q), float(rms)) for q, rms in zip(conics, errors)]

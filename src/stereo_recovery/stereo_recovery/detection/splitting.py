@@ -132,34 +132,28 @@ def join_collinear(e: Edgels, segments: Segments, sigma: float, tolerance: float
     found = splitting_kernels.continuations(segments.select(straight).lines, STRAIGHTNESS_SHARE * tolerance)
     successor = np.full(len(segments), -1)
     successor[straight[found >= 0]] = straight[found[found >= 0]]
-    runs = _runs(successor)
-    if not runs:
+    head, place = splitting_kernels.runs_of(successor)
+    order = np.lexsort((place, head))
+    member = order[(np.bincount(head, minlength=len(head)) > 1)[head[order]]]
+    if len(member) == 0:
         return e, segments
-    whole = _fit_runs(e, segments, runs, sigma)
-    # Two edges that meet at a slight angle may be joined through a short segment between them that fits either.
-    kept = np.flatnonzero(~_bent(segments, whole, runs, BENT_TOLERANCES * tolerance))
-    return _with_joined(e, segments, [runs[k] for k in kept], whole.select(kept))
-
-
-def _runs(successor: IntArray) -> list[list[int]]:
-    """Segments that continue each other, in their order; successor : (n,) int, -1: none."""
-    preceded = np.zeros(len(successor), bool)
-    preceded[successor[successor >= 0]] = True
-    following = successor.tolist()
-    runs = []
-    for head in np.flatnonzero(~preceded & (successor >= 0)).tolist():
-        run = [head]
-        while following[run[-1]] >= 0:
-            run.append(following[run[-1]])
-        runs.append(run)
-    return runs
-
-
-def _bent(segments: Segments, whole: Segments, runs: list[list[int]], limit: float) -> BoolArray:
-    """(m,) bool: runs of segments with an end farther than limit, pixels, from the line through all (whole, m)."""
-    member = np.concatenate(runs)
-    run = np.repeat(np.arange(len(runs)), [len(r) for r in runs])
+    firsts = np.flatnonzero(place[member] == 0)
+    run = np.repeat(np.arange(len(firsts)), np.diff(firsts, append=len(member)))
     parts = segments.select(member)
+    bounds = _laid_out(parts.bounds, firsts)
+    whole = fit_segments(e.select(_edgels_of(parts.bounds)), bounds, parts.chain[firsts], sigma)
+    # Two edges that meet at a slight angle may be joined through a short segment between them that fits either.
+    bent = _bent(parts, whole, run, BENT_TOLERANCES * tolerance)
+    apart = member[bent[run]]
+    head[apart], place[apart] = apart, 0
+    return _with_joined(e, segments, np.lexsort((place, head)), place, whole.select(~bent))
+
+
+def _bent(parts: Segments, whole: Segments, run: IntArray, limit: float) -> BoolArray:
+    """(m,) bool: runs of segments with an end farther than limit, pixels, from the line through all (whole, m).
+
+    run : (k,) that each of the segments is part of
+    """
     across = np.stack([-whole.direction[run, 1], whole.direction[run, 0]], axis=1)
     off = np.maximum(*(np.abs(((end - whole.centre[run]) * across).sum(axis=1)) for end in (parts.start, parts.end)))
     off[parts.length < SHORT_PART] = 0.0
@@ -175,26 +169,27 @@ def _edgels_of(bounds: IntArray) -> IntArray:
     return every
 
 
-def _fit_runs(e: Edgels, segments: Segments, runs: list[list[int]], sigma: float) -> Segments:
-    """One segment through the edgels of each run of segments; its bounds count these edgels alone."""
-    bounds = segments.bounds[np.concatenate(runs)]
-    last = np.cumsum(bounds[:, 1] - bounds[:, 0])[np.cumsum([len(run) for run in runs]) - 1]
-    own = np.stack([np.append(0, last[:-1]), last], axis=1)
-    return fit_segments(e.select(_edgels_of(bounds)), own, segments.chain[[run[0] for run in runs]], sigma)
+def _laid_out(bounds: IntArray, firsts: IntArray) -> IntArray:
+    """(m, 2): bounds of runs of segments once the edgels of all segments, [first, last) each, stand one after another.
+
+    firsts : (m,) the segment that each run begins with
+    """
+    last = np.cumsum(bounds[:, 1] - bounds[:, 0])[np.append(firsts[1:], len(bounds)) - 1]
+    return np.stack([np.append(0, last[:-1]), last], axis=1)
 
 
-def _with_joined(e: Edgels, segments: Segments, runs: list[list[int]], whole: Segments) -> tuple[Edgels, Segments]:
-    """The segments, each run of them replaced by one (whole), where its first stood; and the edgels in their order."""
-    head, place = np.arange(len(segments)), np.zeros(len(segments), int)
-    for run in runs:
-        head[run], place[run] = run[0], range(len(run))
-    order = np.lexsort((place, head))
+def _with_joined(
+    e: Edgels, segments: Segments, order: IntArray, place: IntArray, whole: Segments
+) -> tuple[Edgels, Segments]:
+    """The segments, each run of them replaced by one (whole), where its first stood; and the edgels in their order.
+
+    order : (n,) the segments, run after run; place : (n,) of each in its run
+    """
     firsts = np.flatnonzero(place[order] == 0)
     bounds = segments.bounds[order]
-    last = np.cumsum(bounds[:, 1] - bounds[:, 0])[np.append(firsts[1:], len(order)) - 1]
     result = {f.name: getattr(segments, f.name)[order[firsts]] for f in fields(Segments)}
-    row = np.searchsorted(order[firsts], [run[0] for run in runs])
+    row = np.flatnonzero(np.diff(firsts, append=len(order)) > 1)
     for name, values in result.items():
         values[row] = getattr(whole, name)
-    result['bounds'] = np.stack([np.append(0, last[:-1]), last], axis=1)
+    result['bounds'] = _laid_out(bounds, firsts)
     return e.select(_edgels_of(bounds)), Segments(**result)

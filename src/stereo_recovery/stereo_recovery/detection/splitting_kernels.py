@@ -201,3 +201,24 @@ def continuations(lines: Lines, straightness: float) -> Int32Array:
                 successor[i] = k
     keep_cheapest(successor, price)
     return successor
+
+
+@njit(nogil=True)
+def runs_of(successor: IntArray) -> tuple[IntArray, IntArray]:
+    """Segments that continue each other: the first of each one's run (n,), and its place in it (n,).
+
+    successor : (n,), or -1; what goes round without a first is no run
+    """
+    head, place = np.arange(len(successor)), np.zeros(len(successor), np.int64)
+    preceded = np.zeros(len(successor), np.bool_)
+    for k in successor:
+        if k >= 0:
+            preceded[k] = True
+    for first in range(len(successor)):
+        if preceded[first] or successor[first] < 0:
+            continue
+        k, count = first, 0
+        while k >= 0:
+            head[k], place[k] = first, count
+            k, count = successor[k], count + 1
+    return head, place
