@@ -66,8 +66,22 @@ class CandidateLists(NamedTuple):
     right_first: IntArray
 
 
-# Of each candidate the supporters: start, candidate, column of the neighbour, ratio of densities.
-Support: TypeAlias = tuple[IntArray, Int32Array, IntArray, FloatArray]
+
+
+class Support(NamedTuple):
+    """What candidates of neighbours say of each candidate: a neighbour's ones are a group.
+
+    start : (k + 1,) groups of each candidate; column : (g,) of ``Neighbours.other``; first : (g + 1,) supporters of
+    each group; who, ratio : candidates, and how much likelier their disparity is beside this one than at random
+    """
+
+    start: IntArray
+    column: IntArray
+    first: IntArray
+    who: Int32Array
+    ratio: FloatArray
+
+
 # Of each candidate the rivals: start, candidate, odds.
 Rivals: TypeAlias = tuple[IntArray, Int32Array, FloatArray]
 
@@ -196,41 +210,52 @@ def supporters(
 ) -> Support:
     """For each candidate those of its neighbours that may support it.
 
-    met : (m, 2) segments that the ends of right segments meet, or -1
-
-    Returns start (k + 1,); who, column : candidate and column in ``near.other`` of each; ratio : how much likelier its
-    disparity is beside this candidate than at random in a range of ``spread`` pixels.
+    met : (m, 2) segments that the ends of right segments meet, or -1; spread : pixels, of disparity at random
     """
-    start = np.zeros(len(node) + 1, np.int64)
-    size = 16 * len(node) + 64
-    who, column, ratio = np.empty(size, np.int32), np.empty(size, np.int16), np.empty(size)
-    count = 0
-    for a in range(len(node)):
-        i = node[a, 0]
+    most = np.max(first[1:] - first[:-1])
+    there = np.empty((NEIGHBOURS, most))
+    start, groups, count = np.zeros(len(node) + 1, np.int64), 0, 0
+    column, begin = np.empty(NEIGHBOURS * len(node), np.int16), np.zeros(NEIGHBOURS * len(node) + 1, np.int64)
+    who, ratio = np.empty(16 * len(node) + most, np.int32), np.empty(16 * len(node) + most)
+    for i in range(len(first) - 1):
+        if first[i] == first[i + 1]:
+            continue
+        # Where the neighbours' candidates are is the same for all of this one's.
         for m in range(NEIGHBOURS):
             o = near.other[i, m]
-            if o < 0:
-                continue
-            disparity = _disparity(value, a, near.share[i, m, 0])
-            usual = DISPARITY_SPREAD + DISPARITY_GRADIENT * near.gap[i, m]
-            for b in range(first[o], first[o + 1]):
-                j, its = node[a, 1], node[b, 1]
-                scale = CORNER_SPREAD if near.meets[i, m] and _meet(met, j, its) else usual
-                off = (disparity - _disparity(value, b, near.share[i, m, 1])) / scale
-                if abs(off) > SUPPORT_REACH:
+            if o >= 0:
+                for b in range(first[o], first[o + 1]):
+                    there[m, b - first[o]] = _disparity(value, b, near.share[i, m, 1])
+        for a in range(first[i], first[i + 1]):
+            j = node[a, 1]
+            for m in range(NEIGHBOURS):
+                o = near.other[i, m]
+                if o < 0:
                     continue
-                # Two edges beside each other are not one segment of the other image.
-                if node[b, 1] == node[a, 1] and value[a, 4] - value[b, 3] > 1.0 and value[b, 4] - value[a, 3] > 1.0:
-                    continue
-                if count == len(who):
+                if count + most > len(who):
                     who = np.concatenate((who, np.empty_like(who)))
-                    column = np.concatenate((column, np.empty_like(column)))
                     ratio = np.concatenate((ratio, np.empty_like(ratio)))
-                who[count], column[count] = b, m
-                ratio[count] = spread / (np.pi * scale * (1.0 + off * off))
-                count += 1
-        start[a + 1] = count
-    return start, who[:count], column[:count], ratio[:count]
+                disparity, meets = _disparity(value, a, near.share[i, m, 0]), near.meets[i, m]
+                usual = DISPARITY_SPREAD + DISPARITY_GRADIENT * near.gap[i, m]
+                for b in range(first[o], first[o + 1]):
+                    off = disparity - there[m, b - first[o]]
+                    if abs(off) > SUPPORT_REACH * usual:
+                        continue
+                    scale = CORNER_SPREAD if meets and _meet(met, j, node[b, 1]) else usual
+                    off /= scale
+                    if abs(off) > SUPPORT_REACH:
+                        continue
+                    # Two edges beside each other are not one segment of the other image.
+                    if node[b, 1] == j and value[a, 4] - value[b, 3] > 1.0 and value[b, 4] - value[a, 3] > 1.0:
+                        continue
+                    who[count], ratio[count] = b, spread / (np.pi * scale * (1.0 + off * off))
+                    count += 1
+                if count > begin[groups]:
+                    column[groups] = m
+                    groups += 1
+                    begin[groups] = count
+            start[a + 1] = groups
+    return Support(start, column[:groups], begin[: groups + 1], who[:count], ratio[:count])
 
 
 @njit
@@ -273,12 +298,12 @@ def propagate(
     segment : (k,) left segment; own : (k,) log odds by itself; support, against : as from :func:`supporters` and
     :func:`rival_lists`; radius : of support, pixels.
     """
-    start, who, column, ratio = support
+    start, column, first, who, ratio = support
     rival_start, rival, odds = against
     belief, score, likelihood = np.zeros(len(own)), own.copy(), np.empty(len(own))
     same = SAME_SURFACE * np.exp(-near.gap / radius)
     # Neighbours that have no candidate near a disparity speak against it.
-    alone = (near.worth * np.log(1.0 - same)).sum(axis=1)
+    alone, odds_same = (near.worth * np.log(1.0 - same)).sum(axis=1), same / (1.0 - same)
     for turn in range(rounds + 1):
         for a in range(len(own)):
             likelihood[a] = np.exp(min(score[a], MOST_ODDS))
@@ -292,13 +317,12 @@ def propagate(
             break
         for a in range(len(own)):
             i = segment[a]
-            told, part = alone[i], 0.0
-            for q in range(start[a], start[a + 1]):
-                part += ratio[q] * belief[who[q]]
-                m = column[q]
-                if q + 1 == start[a + 1] or column[q + 1] != m:
-                    told += near.worth[i, m] * np.log(1.0 + same[i, m] / (1.0 - same[i, m]) * part)
-                    part = 0.0
+            told = alone[i]
+            for g in range(start[a], start[a + 1]):
+                m, part = column[g], 0.0
+                for q in range(first[g], first[g + 1]):
+                    part += ratio[q] * belief[who[q]]
+                told += near.worth[i, m] * np.log(1.0 + odds_same[i, m] * part)
             score[a] = own[a] + told
     return score, belief
 
