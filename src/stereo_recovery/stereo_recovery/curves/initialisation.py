@@ -97,5 +97,7 @@ def arc_pairs(
 
 def _edgels_of(segments: Segments, members: IntArray) -> IntArray:
     """(k,) int64: the edgels of some segments of an image, ascending."""
-    runs = [np.arange(first, last) for first, last in segments.bounds[members]]
-    return np.unique(np.concatenate(runs)) if runs else np.zeros(0, np.int64)
+    first, last = segments.bounds[members].T
+    size = last.max(initial=0) + 1
+    begun = np.cumsum(np.bincount(first, minlength=size) - np.bincount(last, minlength=size))
+    return np.flatnonzero(begun)
