@@ -66,8 +66,6 @@ class CandidateLists(NamedTuple):
     right_first: IntArray
 
 
-
-
 class Support(NamedTuple):
     """What candidates of neighbours say of each candidate: a neighbour's ones are a group.
 
