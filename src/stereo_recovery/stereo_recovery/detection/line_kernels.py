@@ -9,7 +9,29 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import FloatArray, IntArray
 
-from .settings import CAUCHY, CORNER_TRIM, CORNER_TRIM_SHARE, LEAST_DIVISOR, LEAST_SCALE, MEDIAN_SAMPLES
+from .settings import (
+    BIAS_SHARE,
+    CAUCHY,
+    CORNER_TRIM,
+    CORNER_TRIM_SHARE,
+    CORRELATION_LENGTH,
+    LEAST_BIAS,
+    LEAST_DIVISOR,
+    LEAST_INFORMATION,
+    LEAST_SAGITTA,
+    LEAST_SCALE,
+    MEDIAN_SAMPLES,
+    MOST_BIAS_SIGMA,
+    MOST_DENSE,
+    NOISE_SAGITTA,
+    SAGITTA_OFFSET,
+    SAGITTA_SLOPE,
+    UNUSUAL_WIDTH,
+    VARIED_WIDTH,
+    WIDTH_DEVIATIONS,
+    WIDTH_EDGELS,
+    WIDTH_SIGMA,
+)
 
 
 class Lines(NamedTuple):
@@ -32,32 +54,36 @@ class Lines(NamedTuple):
 
 
 class FittedLines(NamedTuple):
-    """Lines through n runs of edgels.
-
-    Attributes
-    ----------
-    centre, direction, extent : (n, 2) float64
-        As in :class:`Lines`.
-    rms : (n,) float64, pixels
-        Robust residual.
-    sagitta : (n,) float64, pixels
-        Of the middle over the chord of the ends, signed.
-    used : (n,) float64
-        Edgels in the fit.
-    weight : (n,) float64, 1 / px^2
-        Sum of their weights.
-    moment : (n,) float64
-        Weighted second moment along the line.
-    """
+    """Lines through n runs of edgels; fields as in :class:`.segments.Segments`."""
 
     centre: FloatArray
     direction: FloatArray
     extent: FloatArray
     rms: FloatArray
     sagitta: FloatArray
-    used: FloatArray
-    weight: FloatArray
-    moment: FloatArray
+    count: FloatArray
+    sigma: FloatArray
+    magnitude: FloatArray
+
+
+class Run(NamedTuple):
+    """What edgels are to the fit of a line.
+
+    Attributes
+    ----------
+    x, y, sigma : (n,) float64, pixels
+        Position of edgels and its sigma.
+    width, bias : (n,) float64, pixels
+    magnitude : (n,) float64, grey levels per pixel
+        See :class:`.edgels.Edgels`.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    sigma: FloatArray
+    width: FloatArray
+    bias: FloatArray
+    magnitude: FloatArray
 
 
 @njit
@@ -177,18 +203,112 @@ def _sagitta(
     return sw, m2, sagitta
 
 
-@njit(nogil=True)
-def fit_lines(x: FloatArray, y: FloatArray, sigma: FloatArray, bounds: IntArray) -> FittedLines:
-    """Robust orthogonal regression of runs of edgels, without the edgels beside their ends.
+@njit
+def _fit_line(
+    run: Run, a: int, b: int, w: FloatArray
+) -> tuple[tuple[float, float, float, float], tuple[float, float], tuple[float, int, float, float, float]]:
+    """Robust orthogonal regression of edgels a..b-1, without those beside its ends; w : (n,) scratch.
 
     The first of three rounds leaves CORNER_TRIM pixels at each end out; the others give the rest Cauchy weights.
 
+    Returns centre and direction; first and last abscissa; robust residual, edgels in the fit, sum of their weights,
+    their weighted second moment along the line, and the sagitta.
+    """
+    x, y, sigma = run.x, run.y, run.sigma
+    for i in range(a, b):
+        w[i] = 1.0 / (sigma[i] * sigma[i])
+    cx, cy, tx, ty = regression(x, y, w, a, b)
+    lo, hi = np.inf, -np.inf
+    for i in range(a, b):
+        s = (x[i] - cx) * tx + (y[i] - cy) * ty
+        lo, hi = min(lo, s), max(hi, s)
+    cut = min(CORNER_TRIM, CORNER_TRIM_SHARE * (hi - lo))
+    scale, used = 0.0, 0
+    for turn in range(3):
+        used = 0
+        for i in range(a, b):
+            s = (x[i] - cx) * tx + (y[i] - cy) * ty
+            if turn == 0 and (s < lo + cut or s > hi - cut):
+                w[i] = 0.0
+            if w[i] > 0.0:
+                if turn > 0:
+                    r = ((x[i] - cx) * ty - (y[i] - cy) * tx) / (CAUCHY * scale)
+                    w[i] = 1.0 / (sigma[i] * sigma[i]) / (1.0 + r * r)
+                used += 1
+        if used < 3:
+            for i in range(a, b):
+                w[i] = 1.0 / (sigma[i] * sigma[i])
+        cx, cy, tx, ty = regression(x, y, w, a, b)
+        total = weight = 0.0
+        used = 0
+        for i in range(a, b):
+            if w[i] > 0.0:
+                d = (x[i] - cx) * ty - (y[i] - cy) * tx
+                total += w[i] * d * d
+                weight += w[i]
+                used += 1
+        scale = max(LEAST_SCALE, np.sqrt(total / weight))
+    line = cx, cy, tx, ty
+    weight, moment, sagitta = _sagitta(x, y, w, a, b, line, hi - lo)
+    lo, hi = np.inf, -np.inf
+    for i in range(a, b):
+        s = (x[i] - cx) * tx + (y[i] - cy) * ty
+        lo, hi = min(lo, s), max(hi, s)
+    return line, (lo, hi), (scale, used, weight, moment, sagitta)
+
+
+@njit
+def _median(values: FloatArray, a: int, b: int) -> float:
+    """Median of values a..b-1, of many by samples."""
+    step = max(1, (b - a) // MEDIAN_SAMPLES)
+    return float(np.median(values[a:b:step]))
+
+
+@njit
+def width_excess(width: FloatArray, bounds: IntArray) -> FloatArray:
+    """How much the step width of runs of edgels differs from the usual one.
+
     Parameters
     ----------
-    x, y, sigma : (n,) float64, pixels
-        Position of edgels and its sigma.
+    width : (n,) float64, pixels
+        Of the edgels.
     bounds : (k, 2) int64
         Runs [first, last).
+
+    Returns
+    -------
+    (k,) float64
+        Difference from the picture's median width, as a share of it, beyond the difference that is common in the
+        picture; 0 where the picture is out of focus in parts.
+    """
+    beyond, usual, total = np.zeros(len(bounds)), np.median(width), 0
+    for k in range(len(bounds)):
+        total += bounds[k, 1] - bounds[k, 0]
+    off, place = np.empty(total), 0
+    for k in range(len(bounds)):
+        a, b = bounds[k, 0], bounds[k, 1]
+        beyond[k] = abs(_median(width, a, b) / usual - 1.0)
+        off[place : place + b - a] = beyond[k]
+        place += b - a
+    common = np.median(off)
+    for k in range(len(bounds)):
+        odd = common <= VARIED_WIDTH and bounds[k, 1] - bounds[k, 0] >= WIDTH_EDGELS
+        beyond[k] = max(beyond[k] - max(UNUSUAL_WIDTH, WIDTH_DEVIATIONS * common), 0.0) if odd else 0.0
+    return beyond
+
+
+@njit(nogil=True)
+def fit_lines(run: Run, bounds: IntArray, smoothing: float) -> FittedLines:
+    """Lines through runs of edgels, and how well they are known.
+
+    Parameters
+    ----------
+    run : Run
+        Edgels, run after run.
+    bounds : (k, 2) int64
+        Runs [first, last).
+    smoothing : float
+        Pixels. Of the detector.
 
     Returns
     -------
@@ -196,71 +316,41 @@ def fit_lines(x: FloatArray, y: FloatArray, sigma: FloatArray, bounds: IntArray)
         k lines.
     """
     lines = len(bounds)
-    centre, direction, extent = np.zeros((lines, 2)), np.zeros((lines, 2)), np.zeros((lines, 2))
-    rms, sagittas, count = np.zeros(lines), np.zeros(lines), np.zeros(lines)
-    weights, moment = np.zeros(lines), np.zeros(lines)
-    w = np.zeros(len(x))
+    out = FittedLines(
+        np.empty((lines, 2)),
+        np.empty((lines, 2)),
+        np.empty((lines, 2)),
+        np.empty(lines),
+        np.empty(lines),
+        np.empty(lines),
+        np.empty((lines, 2)),
+        np.empty(lines),
+    )
+    if lines == 0:
+        return out
+    w, excess = np.empty(len(run.x)), width_excess(run.width, bounds)
     for k in range(lines):
         a, b = bounds[k, 0], bounds[k, 1]
-        for i in range(a, b):
-            w[i] = 1.0 / (sigma[i] * sigma[i])
-        cx, cy, tx, ty = regression(x, y, w, a, b)
-        lo, hi = np.inf, -np.inf
-        for i in range(a, b):
-            s = (x[i] - cx) * tx + (y[i] - cy) * ty
-            lo, hi = min(lo, s), max(hi, s)
-        cut = min(CORNER_TRIM, CORNER_TRIM_SHARE * (hi - lo))
-        scale = 0.0
-        for turn in range(3):
-            used = 0
-            total = weight = 0.0
-            for i in range(a, b):
-                s = (x[i] - cx) * tx + (y[i] - cy) * ty
-                if turn == 0 and (s < lo + cut or s > hi - cut):
-                    w[i] = 0.0
-                if w[i] > 0.0:
-                    base = 1.0 / (sigma[i] * sigma[i])
-                    d = (x[i] - cx) * ty - (y[i] - cy) * tx
-                    if turn > 0:
-                        r = d / (CAUCHY * scale)
-                        w[i] = base / (1.0 + r * r)
-                    total += w[i] * d * d
-                    weight += w[i]
-                    used += 1
-            if used < 3:
-                for i in range(a, b):
-                    w[i] = 1.0 / (sigma[i] * sigma[i])
-            cx, cy, tx, ty = regression(x, y, w, a, b)
-            total = weight = 0.0
-            used = 0
-            for i in range(a, b):
-                if w[i] > 0.0:
-                    d = (x[i] - cx) * ty - (y[i] - cy) * tx
-                    total += w[i] * d * d
-                    weight += w[i]
-                    used += 1
-            scale = max(LEAST_SCALE, np.sqrt(total / weight))
-        sw, m2, sagittas[k] = _sagitta(x, y, w, a, b, (cx, cy, tx, ty), hi - lo)
-        centre[k, 0], centre[k, 1], direction[k, 0], direction[k, 1] = cx, cy, tx, ty
-        extent[k, 0], extent[k, 1] = np.inf, -np.inf
-        for i in range(a, b):
-            s = (x[i] - cx) * tx + (y[i] - cy) * ty
-            extent[k, 0], extent[k, 1] = min(extent[k, 0], s), max(extent[k, 1], s)
-        rms[k], count[k], weights[k], moment[k] = scale, used, sw, m2
-    return FittedLines(centre, direction, extent, rms, sagittas, count, weights, moment)
-
-
-@njit(nogil=True)
-def medians(values: FloatArray, bounds: IntArray) -> FloatArray:
-    """(k,) float64: median of each run [first, last) of values (n,), of long ones by samples; bounds (k, 2)."""
-    out = np.empty(len(bounds))
-    room = np.empty(2 * MEDIAN_SAMPLES)
-    for k in range(len(bounds)):
-        a, b = bounds[k, 0], bounds[k, 1]
-        step = max(1, (b - a) // MEDIAN_SAMPLES)
-        count = 0
-        for i in range(a, b, step):
-            room[count] = values[i]
-            count += 1
-        out[k] = np.median(room[:count])
+        line, ends, (rms, used, weight, moment, sagitta) = _fit_line(run, a, b, w)
+        out.centre[k, 0], out.centre[k, 1], out.direction[k, 0], out.direction[k, 1] = line
+        out.extent[k, 0], out.extent[k, 1] = ends
+        out.rms[k], out.count[k] = rms, used
+        count, length = max(used, 1), max(ends[1] - ends[0], 1.0)
+        # So many neighbouring edgels have one error: correlation goes by distance, and a slanting edge has fewer a
+        # pixel.
+        correlated = max(1.0, CORRELATION_LENGTH * smoothing * min(count / length, MOST_DENSE))
+        scale = max(1.0, rms * np.sqrt(weight / count)) * np.sqrt(correlated)
+        offset = scale / np.sqrt(max(weight, LEAST_INFORMATION))
+        turn = scale / np.sqrt(max(moment, LEAST_INFORMATION))
+        # A bent line is not quite one (two edges that meet at a slight angle, a lens, a fold): its sigma grows with
+        # the sagitta that noise does not explain.
+        bend = np.sqrt(max(sagitta**2 - (NOISE_SAGITTA * offset) ** 2, 0.0))
+        # A step of unusual width, or with a gradient on one flank, may be two edges or a shadow.
+        biased = min(BIAS_SHARE * max(_median(run.bias, a, b) - LEAST_BIAS, 0.0), MOST_BIAS_SIGMA)
+        spread = np.hypot(WIDTH_SIGMA * np.sqrt(excess[k]), biased)
+        out.sigma[k, 0] = np.hypot(np.hypot(offset, SAGITTA_OFFSET * bend), spread)
+        out.sigma[k, 1] = np.hypot(np.hypot(turn, SAGITTA_SLOPE * bend / length), spread / length)
+        # The sign of the sagitta is kept even where noise explains its size.
+        out.sagitta[k] = np.copysign(max(bend, LEAST_SAGITTA), sagitta)
+        out.magnitude[k] = run.magnitude[a:b].sum() / max(b - a, 1)
     return out

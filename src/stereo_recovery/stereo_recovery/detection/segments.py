@@ -10,25 +10,7 @@ from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, Int32Array, I
 
 from . import line_kernels
 from .edgels import Edgels
-from .settings import (
-    BIAS_SHARE,
-    CORRELATION_LENGTH,
-    LEAST_BIAS,
-    LEAST_CHORD,
-    LEAST_INFORMATION,
-    LEAST_SAGITTA,
-    LEVEL_SINE,
-    MOST_BIAS_SIGMA,
-    MOST_DENSE,
-    NOISE_SAGITTA,
-    SAGITTA_OFFSET,
-    SAGITTA_SLOPE,
-    UNUSUAL_WIDTH,
-    VARIED_WIDTH,
-    WIDTH_DEVIATIONS,
-    WIDTH_EDGELS,
-    WIDTH_SIGMA,
-)
+from .settings import LEAST_CHORD, LEVEL_SINE
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,32 +157,6 @@ def line_table(segments: Segments) -> FloatArray:
     return np.hstack([segments.centre, segments.direction, segments.extent, segments.sigma])
 
 
-def width_excess(e: Edgels, bounds: IntArray) -> FloatArray:
-    """How much the step width of runs of edgels differs from the usual one.
-
-    Parameters
-    ----------
-    e : Edgels
-    bounds : (n, 2) int
-        Runs [first, last).
-
-    Returns
-    -------
-    (n,) float64
-        Difference from the picture's median width, as a share of it, beyond the difference that is common in the
-        picture; 0 where the picture is out of focus in parts.
-    """
-    if len(bounds) == 0:
-        return np.zeros(0)
-    off = np.abs(line_kernels.medians(e.width, bounds) / float(np.median(e.width)) - 1.0)
-    count = np.diff(bounds, axis=1)[:, 0]
-    common = float(np.median(np.repeat(off, count)))
-    if common > VARIED_WIDTH:
-        return np.zeros(len(bounds))
-    beyond = np.maximum(off - max(UNUSUAL_WIDTH, WIDTH_DEVIATIONS * common), 0.0)
-    return np.where(count >= WIDTH_EDGELS, beyond, 0.0)
-
-
 def fit_segments(e: Edgels, bounds: IntArray, chain: IntArray, sigma: float) -> Segments:
     """Lines through given runs of edgels.
 
@@ -224,27 +180,6 @@ def fit_segments(e: Edgels, bounds: IntArray, chain: IntArray, sigma: float) -> 
     Thesis 3.10.1.
     """
     x, y = np.ascontiguousarray(e.position[:, 0]), np.ascontiguousarray(e.position[:, 1])
-    fit = line_kernels.fit_lines(x, y, e.sigma_position, bounds)
-    count = np.maximum(fit.used, 1.0)
-    length = np.maximum(fit.extent[:, 1] - fit.extent[:, 0], 1.0)
-    # So many neighbouring edgels have one error: correlation goes by distance, and a slanting edge has fewer a pixel.
-    correlated = np.maximum(1.0, CORRELATION_LENGTH * sigma * np.minimum(count / length, MOST_DENSE))
-    excess = np.maximum(1.0, fit.rms * np.sqrt(fit.weight / count))
-    information = np.maximum(np.stack([fit.weight, fit.moment], axis=1), LEAST_INFORMATION)
-    line_sigma = excess[:, None] * np.sqrt(correlated[:, None] / information)
-    # A bent line is not quite one (two edges that meet at a slight angle, a lens, a fold): its sigma grows with the
-    # sagitta that noise does not explain.
-    sagitta = np.sqrt(np.maximum(fit.sagitta**2 - (NOISE_SAGITTA * line_sigma[:, 0]) ** 2, 0.0))
-    line_sigma = np.hypot(line_sigma, np.column_stack([SAGITTA_OFFSET * sagitta, SAGITTA_SLOPE * sagitta / length]))
-    # A step of unusual width, or with a gradient on one flank, may be two edges or a shadow.
-    biased = BIAS_SHARE * np.maximum(line_kernels.medians(e.bias, bounds) - LEAST_BIAS, 0.0)
-    spread = np.hypot(WIDTH_SIGMA * np.sqrt(width_excess(e, bounds)), np.minimum(biased, MOST_BIAS_SIGMA))
-    line_sigma = np.hypot(line_sigma, np.column_stack([spread, spread / length]))
-    total = np.concatenate([[0.0], np.cumsum(e.magnitude)])
-    magnitude = (total[bounds[:, 1]] - total[bounds[:, 0]]) / np.maximum(bounds[:, 1] - bounds[:, 0], 1)
-    # The sign of the sagitta is kept even where noise explains its size.
-    signed = np.copysign(np.maximum(sagitta, LEAST_SAGITTA), fit.sagitta)
-    arc = np.full(len(bounds), -1, np.int32)
-    return Segments(
-        bounds, chain, fit.centre, fit.direction, fit.extent, fit.rms, signed, fit.used, line_sigma, magnitude, arc
-    )
+    run = line_kernels.Run(x, y, e.sigma_position, e.width, e.bias, e.magnitude)
+    fitted = line_kernels.fit_lines(run, bounds, sigma)
+    return Segments(bounds, chain, *fitted, np.full(len(bounds), -1, np.int32))
