@@ -7,6 +7,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.robust import NORMAL_QUARTILE
 from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray, Int32Array
 
 from .settings import (
@@ -15,12 +16,16 @@ from .settings import (
     BOTH_SIDES_REVERSED,
     END_AGREEMENT,
     END_HEIGHT,
+    EXPOSURE_ROUNDS,
+    GAIN_SIGMA,
     LEAST_COMMON_ROWS,
     LEAST_COMMON_SHARE,
+    LEAST_SCALE,
     LEVEL,
     LEVEL_BOTH,
     LEVEL_ONE,
     LIKE_ENDS,
+    MOST_SCALE,
     NO_SIDE,
     NO_SIDE_REVERSED,
     ONE_SIDE,
@@ -29,6 +34,7 @@ from .settings import (
     PROFILE_SAMPLES,
     ROW_SCALE,
     SAME_ROW,
+    SHIFT_SIGMA,
     SLANT_SCALE,
     STEEPEST,
 )
@@ -316,3 +322,34 @@ def candidates(
                 value[count, 7] = disparity[0] + per_row * (last_row - p[0, 1])
                 count += 1
     return Candidates(node[:count], value[:count], compared[:count], reversed_[:count], chances)
+
+
+@njit(nogil=True)
+def learnt_exposure(left: Float32Array, right: Float32Array, node: Int32Array) -> tuple[float, float, float]:
+    """Gain, shift and scale of what two cameras make of the surfaces beside matched edges, by a robust fit.
+
+    left, right : (n, samples, 2, offsets), (m, samples, 2, offsets) grey levels; node : (k, 2) matched segments
+    """
+    a, b = np.empty(2 * len(node)), np.empty(2 * len(node))
+    for k in range(len(node)):
+        for s in range(2):
+            a[2 * k + s] = np.median(left[node[k, 0], :, s].copy())
+            b[2 * k + s] = np.median(right[node[k, 1], :, s].copy())
+    gain, shift = 1.0, 0.0
+    for _ in range(EXPOSURE_ROUNDS):
+        off = b - gain * a - shift
+        scale = max(np.median(np.abs(off)) / NORMAL_QUARTILE, LEAST_SCALE)
+        # Normal equations of gain and shift, with their priors.
+        aa, a1, one = GAIN_SIGMA**-2.0, 0.0, SHIFT_SIGMA**-2.0
+        ab, b1 = GAIN_SIGMA**-2.0, 0.0
+        for k in range(len(a)):
+            weight = 1.0 / (scale**2 + off[k] ** 2)
+            aa += weight * a[k] * a[k]
+            a1 += weight * a[k]
+            one += weight
+            ab += weight * a[k] * b[k]
+            b1 += weight * b[k]
+        determinant = aa * one - a1 * a1
+        gain, shift = (ab * one - b1 * a1) / determinant, (aa * b1 - a1 * ab) / determinant
+    scale = np.median(np.abs(b - gain * a - shift)) / NORMAL_QUARTILE
+    return gain, shift, min(max(scale, LEAST_SCALE), MOST_SCALE)

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from msgs_py.numeric.robust import NORMAL_QUARTILE
 from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
 
 from ..detection.junctions import find_junctions
@@ -34,12 +33,9 @@ from .settings import (
     FEW_MATCHES,
     FIRST_ROUNDS,
     FIRST_SCALE,
-    GAIN_SIGMA,
     HISTOGRAM_SIGMA,
     LEAST_ODDS,
-    LEAST_SCALE,
     MOST_CANDIDATES,
-    MOST_SCALE,
     OUTLYING,
     PARTNER_ODDS,
     PROFILE_SIGMA,
@@ -48,11 +44,7 @@ from .settings import (
     ROOM_SHARE,
     ROUNDS,
     SETTLED,
-    SHIFT_SIGMA,
 )
-
-# Rounds of the robust fit of one camera's exposure to the other's.
-EXPOSURE_ROUNDS = 20
 
 
 @dataclass(frozen=True)
@@ -203,19 +195,7 @@ def learnt_exposure(profiles: list[Float32Array], node: Int32Array) -> Exposure:
     """
     if len(node) < FEW_MATCHES:
         return Exposure()
-    a, b = (np.median(p[node[:, k]], axis=(1, 3)).ravel().astype(np.float64) for k, p in enumerate(profiles))
-    prior = np.diag([1.0 / GAIN_SIGMA**2, 1.0 / SHIFT_SIGMA**2])
-    gain, shift = 1.0, 0.0
-    for _ in range(EXPOSURE_ROUNDS):
-        off = b - gain * a - shift
-        scale = max(float(np.median(np.abs(off))) / NORMAL_QUARTILE, LEAST_SCALE)
-        weight = 1.0 / (scale**2 + off**2)
-        columns = np.stack([a, np.ones_like(a)], axis=1)
-        normal = (columns * weight[:, None]).T @ columns + prior
-        gain, shift = np.linalg.solve(normal, columns.T @ (weight * b) + prior @ [1.0, 0.0])
-    off = b - gain * a - shift
-    scale = float(np.clip(np.median(np.abs(off)) / NORMAL_QUARTILE, LEAST_SCALE, MOST_SCALE))
-    return Exposure(float(gain), float(shift), scale)
+    return Exposure(*candidate_kernels.learnt_exposure(profiles[0], profiles[1], node))
 
 
 def _range(value: FloatArray, window: tuple[float, float]) -> tuple[float, float]:

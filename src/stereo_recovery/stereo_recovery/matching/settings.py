@@ -47,6 +47,8 @@ FIRST_SCALE, LEAST_SCALE, MOST_SCALE = 8.0, 2.0, 16.0
 HISTOGRAM_SIGMA, FEW_MATCHES = 4.0, 6
 # Standard deviation of the gain between the two cameras, and of the shift, grey levels, that one match outweighs. [R]
 GAIN_SIGMA, SHIFT_SIGMA = 0.2, 7.0
+# Rounds of the robust fit of one camera's exposure to the other's. [R] bounds the time
+EXPOSURE_ROUNDS = 20
 
 # -- dense disparity ---------------------------------------------------------------------------------------------------
 
