@@ -18,7 +18,8 @@ import numpy as np
 from msgs_py import StereoRig
 from msgs_py.numeric.typed import FloatArray
 
-from .row_error import RowWitnesses, information, near_rows, robust_fit
+from .row_error import RowWitnesses, information, near_rows
+from .row_kernels import robust_fit
 from .settings import CALIBRATION_ROW_SIGMA, DRIFT_FALSE_ALARM, ROW_CELL, ROW_SHIFT_MOST, ROW_TURN_SIGMA
 
 AXES = ('pitch', 'yaw', 'roll')

@@ -18,17 +18,13 @@ from msgs_py.numeric.typed import FloatArray
 from ..detection.conics import Ellipse
 from ..detection.edgels import Edgels
 from ..detection.junctions import find_junctions
+from .row_kernels import robust_fit, single_sigma
 from .settings import (
     LEVEL_DISPARITY,
     LEVEL_ROW,
-    ROW_LEAST_SIGMA,
     ROW_LOG_ODDS,
     ROW_OFFSET_SIGMA,
-    ROW_ROUNDS,
     ROW_SHIFT_MOST,
-    ROW_SIGMA,
-    ROW_SIGMA_SPREAD,
-    ROW_SIGMAS,
     ROW_TURN_SIGMA,
     ROW_WITNESS_PRIOR,
 )
@@ -200,7 +196,7 @@ def fitted_error(witnesses: RowWitnesses, size: tuple[int, int], least: float, a
     prior = np.diag(np.array([ROW_OFFSET_SIGMA, ROW_TURN_SIGMA, ROW_TURN_SIGMA]) ** -2.0)
     value, single = robust_fit(columns, off, sigma, prior, least)
     # What an exact rig, single rows and a few wrong corners explain as well is no error.
-    by_chance = _single(off, sigma, least)
+    by_chance = single_sigma(off, sigma, least)
     if _log_odds(columns, off, sigma, prior, (value, single, by_chance)) < ROW_LOG_ODDS:
         value, single = np.zeros(3), by_chance
     return RowError(float(value[0]), value[1:], centre, half, single, len(off), axis)
@@ -210,34 +206,6 @@ def near_rows(witnesses: RowWitnesses) -> RowWitnesses:
     """Those that may be of one point, by their rows."""
     near = np.abs(witnesses.off) < ROW_SHIFT_MOST
     return RowWitnesses(*(each[near] for each in witnesses))
-
-
-def robust_fit(
-    columns: FloatArray, off: FloatArray, sigma: FloatArray, prior: FloatArray, least: float
-) -> tuple[FloatArray, float]:
-    """Parameters (n,) of which witnesses are the columns, and the sigma of single rows about them, pixels.
-
-    Parameters
-    ----------
-    columns : (k, n) float64
-        What each parameter adds to the rows of each witness.
-    off, sigma : (k,) float64, pixels
-    prior : (n, n) float64
-        Information.
-    least : float, pixels
-        Least sigma of single rows.
-    """
-    value: FloatArray = np.zeros(columns.shape[1])
-    single = least
-    for _ in range(ROW_ROUNDS):
-        left_over = off - columns @ value
-        single = _single(left_over, sigma, least)
-        # Student's weights: some corners are none, and some matches are wrong.
-        variance = sigma**2 + single**2
-        weight = 2.0 / (variance + left_over**2)
-        normal = (columns * weight[:, None]).T @ columns + prior
-        value = np.asarray(np.linalg.solve(normal, columns.T @ (weight * off)), np.float64)
-    return value, single
 
 
 def information(
@@ -268,17 +236,8 @@ def _log_odds(
 def _likelihoods(left_over: FloatArray, sigma: FloatArray, single: float | FloatArray) -> tuple[FloatArray, float]:
     """Of residuals (k,), pixels: those of witnesses, and of what is none and lies anywhere in the range.
 
-    single : sigma of single rows, pixels; of several (m, 1) the likelihoods are (m, k)
+    single : sigma of single rows, pixels, of all or of each
     """
     variance = sigma**2 + single**2
     right = ROW_WITNESS_PRIOR * np.exp(-0.5 * left_over**2 / variance) / np.sqrt(2.0 * np.pi * variance)
     return right, (1.0 - ROW_WITNESS_PRIOR) / (2.0 * ROW_SHIFT_MOST)
-
-
-def _single(left_over: FloatArray, sigma: FloatArray, least: float) -> float:
-    """Sigma, pixels, of single rows: by the residuals of witnesses, and by what real rigs have; the mean of all."""
-    tried = np.geomspace(max(least, ROW_LEAST_SIGMA), ROW_SHIFT_MOST, ROW_SIGMAS)
-    prior = -0.5 * (np.log(tried / ROW_SIGMA) / ROW_SIGMA_SPREAD) ** 2
-    log_odds = prior + np.log(np.add(*_likelihoods(left_over, sigma, tried[:, None]))).sum(axis=1)
-    probability = np.exp(log_odds - log_odds.max())
-    return float((probability * tried).sum() / probability.sum())
