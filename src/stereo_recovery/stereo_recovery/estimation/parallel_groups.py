@@ -9,53 +9,18 @@ what share of those whose depth is known are of the group, makes the probability
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from msgs_py import StereoRig
-from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, IntArray
+from msgs_py.numeric.typed import AnyArray, FloatArray
 
 from ..curves.curve import Curve
 from ..detection.segments import Segments
 from . import parallel_kernels
 from .factors import Factors
 from .parallel_kernels import Rows
-from .settings import (
-    CLEAR,
-    DIRECTION_SIGMA,
-    FALSE_GROUPS,
-    GROUP_DOUBT,
-    GROUP_SEEDS,
-    LEAST_MEMBERS,
-    MOST_GROUPS,
-    SLOPE_SPREAD,
-)
-
-
-@dataclass(frozen=True, eq=False)
-class _Group:
-    """Edges of one direction.
-
-    Attributes
-    ----------
-    direction : (3,) float64
-        Unit, left frame, in which its edges were added up.
-    total : (3, 3) float64
-        Normal matrix of them and of axes of circles.
-    fits : (n,) bool
-        Which of all edges belong to it.
-    others : (n,) int
-        How many it has beside each edge.
-    share : float
-        Of the edges that can tell, those that belong to it.
-    """
-
-    direction: FloatArray
-    total: FloatArray
-    fits: BoolArray
-    others: IntArray
-    share: float
+from .settings import DIRECTION_SIGMA, SLOPE_SPREAD
 
 
 def _rows(left: Segments, index: AnyArray, coefficient: AnyArray, covariance: AnyArray, rig: StereoRig) -> Rows:
@@ -76,44 +41,6 @@ def _of_normal(curve: Curve) -> AnyArray:
     """(3, 3): what a curve's normal says of its own direction, as rows' squares by their weights."""
     flat = np.eye(3) - np.outer(curve.normal, curve.normal)
     return flat / (curve.tilt**2 + DIRECTION_SIGMA**2)
-
-
-def _poisson_tail(mean: float, least: int) -> float:
-    """Probability of at least so many events of which the mean number is known."""
-    term, total = float(np.exp(-mean)), 0.0
-    for k in range(least):
-        total += term
-        term *= mean / (k + 1)
-    return max(1.0 - total, 0.0)
-
-
-def _groups(rows: Rows, bare: Rows, order: IntArray, axes: FloatArray) -> list[_Group]:
-    """Directions that edges share.
-
-    rows, bare : who is of a group is asked by all that is known, what it says is told by what no group has told
-    order : seeds, the best known edge first; axes : (k, 3, 3) what axes of circles say, the best known first
-    """
-    alone = parallel_kernels.squares_by_themselves(bare)
-    told = np.zeros(len(order), bool)
-    told_axes = np.zeros(len(axes), bool)
-    found: list[_Group] = []
-    tried = 0
-    for seed, k in [(axes, k) for k in range(len(axes))] + [(alone, k) for k in order]:
-        if told_axes[k] if seed is axes else told[k]:
-            continue
-        if len(found) == MOST_GROUPS or tried == GROUP_SEEDS:
-            break
-        tried += 1
-        direction, total, chance, fits, same = parallel_kernels.grown(rows, bare, seed[k], axes)
-        others = fits.sum() - fits + 2 * same.sum()
-        # So many edges of any directions would agree with one of all seeds by accident.
-        false_alarms = min(GROUP_SEEDS, len(order)) * _poisson_tail(chance[chance < CLEAR].sum(), int(others.max()))
-        if others.max() >= LEAST_MEMBERS - 1 and false_alarms < FALSE_GROUPS:
-            share = fits.sum() / (GROUP_DOUBT + (chance < CLEAR).sum())
-            found.append(_Group(direction, total, fits, others, float(share)))
-            told |= fits
-            told_axes |= same
-    return found
 
 
 def parallel_factors(
@@ -148,15 +75,15 @@ def parallel_factors(
     axes = np.array([_of_normal(c) for c in sorted(curves, key=lambda c: c.tilt)]).reshape(-1, 3, 3)
     found = []
     length = left.length[index[usable]]
-    for group in _groups(rows, bare, np.argsort(covariance[usable, 1, 1]), axes):
-        by, noise, chance, good = parallel_kernels.told(
-            rows, bare, group.total, group.direction, group.fits, group.others
-        )
+    for direction, total, fits, others, share in zip(
+        *parallel_kernels.groups(rows, bare, np.argsort(covariance[usable, 1, 1]), axes)
+    ):
+        by, noise, chance, good = parallel_kernels.told(rows, bare, total, direction, fits, others)
         k = np.flatnonzero(good)
         row = np.stack([by[:, 0] / rig.left.fx / by[:, 1], np.ones(len(by))], axis=1)
         at_infinity = row[k, 0] * (rig.left.cx - rig.right.cx)
         # A line that runs to the point where the group meets is of the group, or happens to run there.
-        prior = group.share / (group.share + (1.0 - group.share) * chance[k])
+        prior = share / (share + (1.0 - share) * chance[k])
         found.append(
             Factors.of_one(
                 usable[k],

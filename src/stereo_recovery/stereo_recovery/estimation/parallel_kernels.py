@@ -9,7 +9,18 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
-from .settings import CLEAR, DIRECTION_SIGMA, GATE, LEAST_LEVER, LEAST_MEMBERS, SLOPE_SIGMA
+from .settings import (
+    CLEAR,
+    DIRECTION_SIGMA,
+    FALSE_GROUPS,
+    GATE,
+    GROUP_DOUBT,
+    GROUP_SEEDS,
+    LEAST_LEVER,
+    LEAST_MEMBERS,
+    MOST_GROUPS,
+    SLOPE_SIGMA,
+)
 
 
 class Rows(NamedTuple):
@@ -130,6 +141,73 @@ def grown(
             if same[k]:
                 total += axes[k]
     return d, total, chance, fits, same
+
+
+@njit
+def _poisson_tail(mean: float, least: int) -> float:
+    """Probability of at least so many events of which the mean number is known."""
+    term, total = np.exp(-mean), 0.0
+    for k in range(least):
+        total += term
+        term *= mean / (k + 1)
+    return max(1.0 - total, 0.0)
+
+
+class Groups(NamedTuple):
+    """g directions that edges share.
+
+    direction : (g, 3), unit, left frame, in which a group's edges were added up; total : (g, 3, 3), normal matrices of
+    them and of axes of circles; fits : (g, n), which of all edges belong to each; others : (g, n), how many it has
+    beside each edge; share : (g,), of the edges that can tell, those that belong to it
+    """
+
+    direction: FloatArray
+    total: FloatArray
+    fits: BoolArray
+    others: IntArray
+    share: FloatArray
+
+
+@njit(nogil=True)
+def groups(rows: Rows, bare: Rows, order: IntArray, axes: FloatArray) -> Groups:
+    """Directions that edges share.
+
+    rows, bare : who is of a group is asked by all that is known, what it says is told by what no group has told
+    order : seeds, the best known edge first; axes : (k, 3, 3) what axes of circles say, the best known first
+    """
+    n, found, tried = len(order), 0, 0
+    alone = squares_by_themselves(bare)
+    told_edges, told_axes = np.zeros(n, np.bool_), np.zeros(len(axes), np.bool_)
+    out = Groups(
+        np.empty((MOST_GROUPS, 3)),
+        np.empty((MOST_GROUPS, 3, 3)),
+        np.empty((MOST_GROUPS, n), np.bool_),
+        np.empty((MOST_GROUPS, n), np.int64),
+        np.empty(MOST_GROUPS),
+    )
+    for seed in range(len(axes) + n):
+        k = seed if seed < len(axes) else order[seed - len(axes)]
+        if told_axes[k] if seed < len(axes) else told_edges[k]:
+            continue
+        if found == MOST_GROUPS or tried == GROUP_SEEDS:
+            break
+        tried += 1
+        d, total, chance, fits, same = grown(rows, bare, axes[k] if seed < len(axes) else alone[k], axes)
+        members, clear, mean = fits.sum(), 0, 0.0
+        others = members - fits + 2 * same.sum()
+        for i in range(n):
+            if chance[i] < CLEAR:
+                clear += 1
+                mean += chance[i]
+        # So many edges of any directions would agree with one of all seeds by accident.
+        false_alarms = min(GROUP_SEEDS, n) * _poisson_tail(mean, others.max())
+        if others.max() >= LEAST_MEMBERS - 1 and false_alarms < FALSE_GROUPS:
+            out.direction[found], out.total[found], out.fits[found], out.others[found] = d, total, fits, others
+            out.share[found] = members / (GROUP_DOUBT + clear)
+            told_edges |= fits
+            told_axes |= same
+            found += 1
+    return Groups(out.direction[:found], out.total[:found], out.fits[:found], out.others[:found], out.share[:found])
 
 
 @njit
