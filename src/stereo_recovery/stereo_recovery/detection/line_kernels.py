@@ -54,14 +54,14 @@ class Lines(NamedTuple):
 
 
 class FittedLines(NamedTuple):
-    """Lines through n runs of edgels; fields as in :class:`.segments.Segments`."""
+    """Lines through n runs of edgels; fields as in :class:`.segments.Segments`, ``used`` its ``count``."""
 
     centre: FloatArray
     direction: FloatArray
     extent: FloatArray
     rms: FloatArray
     sagitta: FloatArray
-    count: FloatArray
+    used: FloatArray
     sigma: FloatArray
     magnitude: FloatArray
 
@@ -334,7 +334,7 @@ def fit_lines(run: Run, bounds: IntArray, smoothing: float) -> FittedLines:
         line, ends, (rms, used, weight, moment, sagitta) = _fit_line(run, a, b, w)
         out.centre[k, 0], out.centre[k, 1], out.direction[k, 0], out.direction[k, 1] = line
         out.extent[k, 0], out.extent[k, 1] = ends
-        out.rms[k], out.count[k] = rms, used
+        out.rms[k], out.used[k] = rms, used
         count, length = max(used, 1), max(ends[1] - ends[0], 1.0)
         # So many neighbouring edgels have one error: correlation goes by distance, and a slanting edge has fewer a
         # pixel.

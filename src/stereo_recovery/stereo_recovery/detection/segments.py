@@ -181,5 +181,5 @@ def fit_segments(e: Edgels, bounds: IntArray, chain: IntArray, sigma: float) -> 
     """
     x, y = np.ascontiguousarray(e.position[:, 0]), np.ascontiguousarray(e.position[:, 1])
     run = line_kernels.Run(x, y, e.sigma_position, e.width, e.bias, e.magnitude)
-    fitted = line_kernels.fit_lines(run, bounds, sigma)
+    fitted: line_kernels.FittedLines = line_kernels.fit_lines(run, bounds, sigma)
     return Segments(bounds, chain, *fitted, np.full(len(bounds), -1, np.int32))

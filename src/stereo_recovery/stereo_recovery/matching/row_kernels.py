@@ -75,5 +75,5 @@ def robust_fit(
                 told[a] += weight * columns[k, a] * off[k]
                 for b in range(size):
                     normal[a, b] += weight * columns[k, a] * columns[k, b]
-        value = np.linalg.solve(normal, told)
+        value[:] = np.linalg.solve(normal, told)
     return value, single
