@@ -110,9 +110,11 @@ def _compare(right: Float32Array, places: Float32Array, count: int, p: FloatArra
 @njit(fastmath=True)
 def _median_size(values: Float32Array) -> float:
     """Median of the sizes of values (m,), by halving the interval that holds it: it can be counted eight at a time."""
-    low, high = np.float32(0.0), np.float32(0.0)
+    total = 0.0
     for k in range(len(values)):
-        high = max(high, abs(values[k]))
+        total += abs(values[k])
+    # No more than half of them can be twice as large as their mean.
+    low, high = np.float32(0.0), np.float32(2.0 * total / len(values))
     for _ in range(14):
         middle, below = np.float32(0.5) * (low + high), np.int32(0)
         for k in range(len(values)):
@@ -121,7 +123,15 @@ def _median_size(values: Float32Array) -> float:
             low = middle
         else:
             high = middle
-    return 0.5 * float(low + high)
+    lower, upper, below = np.float32(0.0), np.float32(np.inf), np.int32(0)
+    for k in range(len(values)):
+        size = abs(values[k])
+        if size < high:
+            lower = max(lower, size)
+            below += np.int32(1)
+        else:
+            upper = min(upper, size)
+    return float(lower) if 2 * below != len(values) else 0.5 * float(lower + upper)
 
 
 @njit(fastmath=True)
@@ -131,36 +141,27 @@ def _normal_equations(seen: Float32Array, m: int, scale: float, sums: FloatArray
     Returns the sum of truncated squares of residuals.
     """
     width, most = np.float32((CAUCHY * scale) ** -2.0), np.float32(9.0 * scale**2)
-    left_over, zero = np.float32(0.0), np.float32(0.0)
+    left_over = np.float32(0.0)
     # The fifth row is one.
     s0, s1, s2, s3, s5, off, weight = seen[0], seen[1], seen[2], seen[3], seen[5], seen[6], seen[7]
     for k in range(m):
         square = off[k] * off[k]
         weight[k] = np.float32(1.0) / (np.float32(1.0) + square * width)
         left_over += min(square, most)
-    sums[:] = 0.0
-    # Sums of few numbers keep their digits.
-    for begin in range(0, m, 256):
-        end = min(begin + 256, m)
-        for i in range(UNKNOWNS + 1):
-            t0 = t1 = t2 = t3 = t4 = t5 = t6 = zero
-            row = seen[i]
-            for k in range(begin, end):
-                part = weight[k] * row[k]
-                t0 += part * s0[k]
-                t1 += part * s1[k]
-                t2 += part * s2[k]
-                t3 += part * s3[k]
-                t4 += part
-                t5 += part * s5[k]
-                t6 += part * off[k]
-            sums[i, 0] += t0
-            sums[i, 1] += t1
-            sums[i, 2] += t2
-            sums[i, 3] += t3
-            sums[i, 4] += t4
-            sums[i, 5] += t5
-            sums[i, 6] += t6
+    for i in range(UNKNOWNS + 1):
+        t0 = t1 = t2 = t3 = t4 = t5 = t6 = 0.0
+        row = seen[i]
+        for k in range(m):
+            part = weight[k] * row[k]
+            t0 += part * s0[k]
+            t1 += part * s1[k]
+            t2 += part * s2[k]
+            t3 += part * s3[k]
+            t4 += part
+            t5 += part * s5[k]
+            t6 += part * off[k]
+        sums[i, 0], sums[i, 1], sums[i, 2], sums[i, 3] = t0, t1, t2, t3
+        sums[i, 4], sums[i, 5], sums[i, 6] = t4, t5, t6
     return float(left_over)
 
 
