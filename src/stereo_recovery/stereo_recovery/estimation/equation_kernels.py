@@ -177,13 +177,53 @@ def first_of_edges(edge: IntArray, other: IntArray, chosen: IntArray, value: Flo
     return first[:count]
 
 
+@njit
+def _root(parent: IntArray, e: int) -> int:
+    """The first edge of the tree that edge e is in; the way there gets shorter."""
+    while parent[e] != e:
+        parent[e] = parent[parent[e]]
+        e = parent[e]
+    return e
+
+
+@njit
+def _by_label(label: IntArray, count: int) -> tuple[IntArray, IntArray]:
+    """(k,) things by their labels, of which there are ``count``, and (count + 1,) where each begins."""
+    first = np.zeros(count + 1, np.int64)
+    for k in label:
+        first[k + 1] += 1
+    first = np.cumsum(first)
+    order, at = np.empty(len(label), np.int64), first.copy()
+    for k in range(len(label)):
+        order[at[label[k]]] = k
+        at[label[k]] += 1
+    return order, first
+
+
+@njit
+def _parts(s: System) -> Parts:
+    """What no factor ties to each other, even by others."""
+    n = len(s.place)
+    parent, label, count = np.arange(n), np.empty(n, np.int64), 0
+    for k in range(len(s.edge)):
+        if s.other[k] >= 0:
+            a, b = _root(parent, s.edge[k]), _root(parent, s.other[k])
+            parent[max(a, b)] = min(a, b)
+    for e in range(n):
+        root = _root(parent, e)
+        label[e] = count if root == e else label[root]
+        count += root == e
+    edges, factors = _by_label(label, count), _by_label(label[s.edge], count)
+    return Parts(edges[0], edges[1], factors[0], factors[1])
+
+
 @njit(nogil=True)
-def decide(s: System, parts: Parts, used: BoolArray) -> tuple[Solution, FloatArray]:
+def decide(s: System, used: BoolArray) -> tuple[Solution, FloatArray]:
     """Which factors hold: of each part the least likely goes, then the likeliest comes, until none does.
 
     used : (k,) bool, changed; returns the solution and the probability (k,) of each factor
     """
-    out, room = empty_solution(s), workspace(s.pattern)
+    out, room, parts = empty_solution(s), workspace(s.pattern), _parts(s)
     n, k = len(s.place), len(s.edge)
     blocks = np.empty((n, 2, 2)), np.empty((len(s.pattern.row), 2, 2)), np.empty((n, 2))
     holds, value, removed, best = np.empty(k), np.empty(k), np.zeros(k, np.int64), np.empty(n, np.int64)

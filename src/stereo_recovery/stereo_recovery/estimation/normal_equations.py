@@ -6,13 +6,12 @@ from dataclasses import fields
 
 import numpy as np
 from scipy.sparse import csc_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 from . import equation_kernels, sparse_kernels
-from .equation_kernels import Parts, Solution, System
+from .equation_kernels import Solution, System
 from .factors import Factors
 
 
@@ -43,7 +42,6 @@ class NormalEquations:
         slot[both] = sparse_kernels.slots(self.pattern, low[both], high[both])
         arrays = (np.ascontiguousarray(getattr(factors, field.name)) for field in fields(Factors))
         self._system = System(information, vector, self.place, self.pattern, slot, *arrays)
-        self._links = e[both], f[both]
 
     def solve(self, used: BoolArray) -> Solution:
         """Least squares with the factors that are used, (k,) bool."""
@@ -57,15 +55,8 @@ class NormalEquations:
 
     def decided(self, used: BoolArray) -> tuple[BoolArray, Solution, FloatArray]:
         """Which factors hold, (k,) bool, from those taken to do so; the solution; and the probability of each."""
-        n = len(self.place)
-        graph = csc_matrix((np.ones(len(self._links[0])), self._links), (n, n))
-        count, part = connected_components(graph, directed=False)
-        of_factor = part[self.factors.edge]
-        edges, factors = np.argsort(part, kind='stable'), np.argsort(of_factor, kind='stable')
-        begin = np.arange(count + 1)
-        parts = Parts(edges, np.searchsorted(part[edges], begin), factors, np.searchsorted(of_factor[factors], begin))
         used = used.copy()
-        solution, holds = equation_kernels.decide(self._system, parts, used)
+        solution, holds = equation_kernels.decide(self._system, used)
         return used, solution, holds
 
 
