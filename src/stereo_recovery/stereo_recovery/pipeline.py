@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, overload
@@ -27,6 +28,7 @@ from .detection.segments import Segments
 from .detection.turned import turned_view
 from .detection.view import View, detect_view, detect_views
 from .edges.all_views import all_views
+from .edges.further_views import ViewLines
 from .edges.hiding import hidden_ends
 from .edges.joining import join_parts
 from .edges.lines3d import EdgesInSpace, Lines3D, to_space, with_rig_error
@@ -279,14 +281,15 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     aligned = rows.aligned_edgels(pair.edgels[1])
     stereo_edgels = StereoEdgels(pair.edgels[0], aligned, rig, blur_variance(pair.edgels))
     late = watch.late_after(CURVES_SHARE, 'curves: arcs that were not looked at')
-    shapes = recover_curved_shapes(matches, segments, ellipses, stereo_edgels, late)
-    watch.stage('curves')
-    every = all_views(seen, rows.sigma, further, rig)
-    late = watch.late_after(EDGES_SHARE, 'edges: parallel groups')
     if strips is not None:
         strips.rows = rows
-    beside = Beside(rig, rows.sigma, shapes.reported, strips, every.views, late)
-    shown = every.seen if every.views or strips is None else seen_by_texture(every.seen, strips)
+    with ThreadPoolExecutor(1) as meanwhile:
+        waiting = meanwhile.submit(_all_shown, seen, rows.sigma, further, rig, strips)
+        shapes = recover_curved_shapes(matches, segments, ellipses, stereo_edgels, late)
+        views, shown = waiting.result()
+    watch.stage('curves')
+    late = watch.late_after(EDGES_SHARE, 'edges: parallel groups')
+    beside = Beside(rig, rows.sigma, shapes.reported, strips, views, late)
     lines, line_segments = _straight_lines(shown, shapes, beside)
     watch.stage('lines')
     in_space = to_space(lines, line_segments[0], rig)
@@ -358,6 +361,14 @@ def _why_no_match(
     if len(swapped) >= SWAPPED_MATCHES:
         return 'edges match only with left and right exchanged: are the images swapped?'
     return 'no edge of the left image has a match in the right one'
+
+
+def _all_shown(
+    seen: StereoSegments, row_sigma: float, further: Sequence[FurtherView], rig: StereoRig, strips: AlignedStrips | None
+) -> tuple[Sequence[ViewLines], StereoSegments]:
+    """What further cameras say of a pair's edges, and the pair with edges that one of its images alone shows."""
+    every = all_views(seen, row_sigma, further, rig)
+    return every.views, every.seen if every.views or strips is None else seen_by_texture(every.seen, strips)
 
 
 def _straight_lines(

@@ -14,6 +14,7 @@ S. Pollard, J. Mayhew, J. Frisby, "PMF: a stereo correspondence algorithm using 
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
@@ -139,11 +140,15 @@ def match(
     first = labelled(own, FIRST_ROUNDS)
     if late():
         return _matches(first), None
-    own = odds(learnt_exposure(profiles, node[first.chosen]), game)
-    dense = None
+    exposure, dense = learnt_exposure(profiles, node[first.chosen]), None
     if (np.minimum(first.belief, 1.0 - first.belief) > SETTLED).any():
-        dense = DenseDisparity(*greys, *_range(value[first.chosen], window))
+        with ThreadPoolExecutor(1) as beside:
+            waiting = beside.submit(DenseDisparity, *greys, *_range(value[first.chosen], window))
+            own = odds(exposure, game)
+            dense = waiting.result()
         own += dense.log_ratio(node, value, left)
+    else:
+        own = odds(exposure, game)
     return _matches(labelled(own, ROUNDS)), dense
 
 
