@@ -10,7 +10,8 @@ import numpy as np
 from msgs_py.numeric.typed import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 
 from . import chain_kernels
-from .edgels import Edgels, Maxima, maxima
+from .edgel_kernels import Maxima
+from .edgels import Edgels, described, maxima
 from .noise import NoiseMap
 from .settings import BESIDE_FINER, LEAST_EDGELS, MOST_COVERED, PROMINENCE, SEGMENT_EXCESS
 
@@ -83,14 +84,14 @@ def link(found: Maxima, sigma: float, shape: tuple[int, int], high: float, minim
     ----------
     Thesis 3.7, 3.10.1.
     """
-    if len(found) == 0:
+    if len(found.position) == 0:
         return EdgeChains(Edgels.empty(), np.zeros(1, np.int64), np.zeros(0, bool))
     prominence = found.prominence
     following = chain_kernels.successors(
         found.position, found.gradient, found.magnitude, prominence > PROMINENCE, shape[0], shape[1]
     )
     order, offsets, closed = chain_kernels.trace(following, found.magnitude, prominence, high, minimum)
-    return EdgeChains(found.select(order).described(sigma), offsets, closed)
+    return EdgeChains(described(found, order, sigma), offsets, closed)
 
 
 def chains_of(
@@ -125,7 +126,8 @@ def chains_of(
     found = maxima(grey, detector, sigma, low, noise)
     if border is not None:
         column, row = np.rint(found.position).astype(np.intp).T
-        found = found.select(np.flatnonzero(~border[row, column]))
+        kept = np.flatnonzero(~border[row, column])
+        found = Maxima(*(each[kept] for each in found))
     return link(found, sigma, (grey.shape[0], grey.shape[1]), high)
 
 

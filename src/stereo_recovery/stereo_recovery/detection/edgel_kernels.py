@@ -2,13 +2,66 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import Float32Array, FloatArray
+from msgs_py.numeric.typed import Float32Array, FloatArray, Int32Array
 
 from .sampling import bilinear_pair
-from .settings import ALONG_EDGE, HALF_WAY, LAST_POSITION, LEAST_CURVATURE, LEAST_INTERPOLATED, NOISE_RANK, NOISE_STEP
+from .settings import (
+    ALIASED_BLUR_VARIANCE,
+    ALIASED_POSITION_FLOOR,
+    ALONG_EDGE,
+    CLEAR,
+    FLANK_NOISE,
+    HALF_WAY,
+    LAST_POSITION,
+    LEAST_CURVATURE,
+    LEAST_INTERPOLATED,
+    NOISE_RANK,
+    NOISE_STEP,
+    POSITION_FACTOR,
+    POSITION_FLOOR,
+)
+
+
+class Maxima(NamedTuple):
+    """n maxima of the gradient across itself: edgels of which only as much is known as linking needs.
+
+    Attributes
+    ----------
+    position : (n, 2) float64, pixels
+    gradient : (n, 2) float64, grey levels per pixel
+    magnitude : (n,) float64, grey levels per pixel
+        Of the gradient.
+    noise : (n,) float64, grey levels per pixel
+        Sigma of either derivative there.
+    width : (n,) float64, pixels
+        Standard deviation of the blurred step.
+    flanks : (n, 2) float64
+        Gradient on the dark and on the bright side, as a share of the magnitude.
+    saddle : (n,) float64
+        What of the gradient remains on the way to either side, as a share of the magnitude, 0..1.
+    """
+
+    position: FloatArray
+    gradient: FloatArray
+    magnitude: FloatArray
+    noise: FloatArray
+    width: FloatArray
+    flanks: FloatArray
+    saddle: FloatArray
+
+    @property
+    def prominence(self) -> FloatArray:
+        """(n,) float64: by how much the gradient exceeds that on both flanks, in sigma of its noise; at most its own.
+
+        On a slope (the side of a cylinder) noise alone makes maxima, but no prominent ones.
+        """
+        exceeding: FloatArray = (1.0 - self.saddle) * self.magnitude / self.noise
+        return exceeding
 
 
 @njit
@@ -209,6 +262,53 @@ def flanking_gradients(
                 nearer = _gradient_beside(gx, gy, position[i], (nx, ny), HALF_WAY * away) / norm
                 saddle[i] = max(saddle[i], min(flanks[i, flank], nearer))
     return flanks, saddle
+
+
+@njit(nogil=True)
+def usual_width(width: FloatArray, response: FloatArray, magnitude: FloatArray, sigma: float) -> float:
+    """Pixels: median width of clear steps, at least that of the smoothing.
+
+    width : (n,) pixels, of maxima; response, magnitude : (n,) grey levels per pixel, noise and gradient; sigma : of the
+    smoothing, pixels
+    """
+    clear, count = np.empty(len(width)), 0
+    for i in range(len(width)):
+        if response[i] / magnitude[i] < CLEAR:
+            clear[count] = width[i]
+            count += 1
+    return max(np.median(clear[:count]), sigma) if count else sigma
+
+
+@njit(nogil=True)
+def described(found: Maxima, order: Int32Array, sigma: float) -> tuple[FloatArray, ...]:
+    """Some maxima (m,) as edgels, with their uncertainty: the fields of :class:`.edgels.Edgels` in their order.
+
+    sigma : of the smoothing, pixels
+    """
+    n = len(order)
+    position, direction, size, along = np.empty((n, 2)), np.empty(n), np.empty(n), np.empty(n)
+    across, width, bias, prominence = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    response = np.empty(n)
+    for k in range(n):
+        i = order[k]
+        size[k], response[k], width[k] = found.magnitude[i], found.noise[i], found.width[i]
+    total = usual_width(width, response, size, sigma)
+    # A picture with one sample a pixel has staircase edges; every camera blurs more than that.
+    aliased = total**2 < sigma**2 + ALIASED_BLUR_VARIANCE
+    floor = ALIASED_POSITION_FLOOR if aliased else POSITION_FLOOR
+    # What noise that differs from pixel to pixel would do, had it the same effect on the derivatives.
+    factor = np.sqrt(POSITION_FACTOR) * (total / sigma) ** 3 * (2.0 * sigma**2 / total)
+    for k in range(n):
+        i = order[k]
+        across[k] = response[k] / size[k]
+        position[k, 0], position[k, 1] = found.position[i, 0], found.position[i, 1]
+        direction[k] = np.arctan2(found.gradient[i, 1], found.gradient[i, 0])
+        along[k] = np.hypot(factor * across[k], floor)
+        # The difference of the two flanks' gradients, without the part that noise explains.
+        difference = found.flanks[i, 0] - found.flanks[i, 1]
+        bias[k] = np.sqrt(max(difference**2 - (FLANK_NOISE * across[k]) ** 2, 0.0))
+        prominence[k] = (1.0 - found.saddle[i]) / across[k]
+    return position, direction, size, along, across, width, bias, prominence
 
 
 @njit(nogil=True)

@@ -20,19 +20,14 @@ from msgs_py.numeric.typed import AnyArray, Float32Array, FloatArray
 
 from ..params import DETECTORS
 from . import edgel_kernels
+from .edgel_kernels import Maxima
 from .noise import NoiseMap, measured_response, white_response
 from .settings import (
-    ALIASED_BLUR_VARIANCE,
-    ALIASED_POSITION_FLOOR,
     CAMERA_BLUR_VARIANCE,
-    CLEAR,
     FLANK_DISTANCE,
-    FLANK_NOISE,
     KERNEL_NORM,
     KERNEL_RADIUS,
     LOGARITHM_FLOOR,
-    POSITION_FACTOR,
-    POSITION_FLOOR,
     PROMINENCE,
     QUANTISATION_NOISE,
     SIXTEEN_BIT_SCALE,
@@ -285,87 +280,22 @@ def _filtered(grey: Float32Array, along_row: Float32Array, along_column: Float32
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Maxima:
-    """n maxima of the gradient across itself: edgels of which only as much is known as linking needs.
+def described(found: Maxima, index: AnyArray, sigma: float) -> Edgels:
+    """Some maxima as edgels, with their uncertainty.
 
-    Attributes
+    Parameters
     ----------
-    position : (n, 2) float64, pixels
-    gradient : (n, 2) float64, grey levels per pixel
-    magnitude : (n,) float64, grey levels per pixel
-        Of the gradient.
-    noise : (n,) float64, grey levels per pixel
-        Sigma of either derivative there.
-    width : (n,) float64, pixels
-        Standard deviation of the blurred step.
-    flanks : (n, 2) float64
-        Gradient on the dark and on the bright side, as a share of the magnitude.
-    saddle : (n,) float64
-        What of the gradient remains on the way to either side, as a share of the magnitude, 0..1.
+    found : Maxima
+    index : (m,) int
+        Which, in their order.
+    sigma : float
+        Pixels. Of the smoothing.
+
+    Returns
+    -------
+    Edgels
     """
-
-    position: FloatArray
-    gradient: FloatArray
-    magnitude: FloatArray
-    noise: FloatArray
-    width: FloatArray
-    flanks: FloatArray
-    saddle: FloatArray
-
-    @classmethod
-    def empty(cls) -> Maxima:
-        """No maxima."""
-        pairs, numbers = np.zeros((0, 2)), np.zeros(0)
-        return cls(pairs, pairs, numbers, numbers, numbers, pairs, numbers)
-
-    def __len__(self) -> int:
-        return len(self.position)
-
-    def select(self, index: AnyArray) -> Maxima:
-        """A subset or reordering: (m,) indices."""
-        return Maxima(*(getattr(self, f.name)[index] for f in fields(self)))
-
-    @property
-    def prominence(self) -> FloatArray:
-        """(n,) float64: by how much the gradient exceeds that on both flanks, in sigma of its noise; at most its own.
-
-        On a slope (the side of a cylinder) noise alone makes maxima, but no prominent ones.
-        """
-        exceeding: FloatArray = (1.0 - self.saddle) * self.magnitude / self.noise
-        return exceeding
-
-    def described(self, sigma: float) -> Edgels:
-        """All of them as edgels, with their uncertainty.
-
-        Parameters
-        ----------
-        sigma : float
-            Pixels. Of the smoothing.
-
-        Returns
-        -------
-        Edgels
-        """
-        across = self.noise / self.magnitude
-        usual_width = _usual_width(self.width, across, sigma)
-        total = max(usual_width, sigma)
-        # What noise that differs from pixel to pixel would do, had it the same effect on the derivatives.
-        share = 2.0 * sigma**2 / total * across
-        # A picture with one sample a pixel has staircase edges; every camera blurs more than that.
-        floor = ALIASED_POSITION_FLOOR if usual_width**2 < sigma**2 + ALIASED_BLUR_VARIANCE else POSITION_FLOOR
-        along = np.hypot(np.sqrt(POSITION_FACTOR) * (total / sigma) ** 3 * share, floor)
-        # The difference of the two flanks' gradients, without the part that noise explains.
-        difference = self.flanks[:, 0] - self.flanks[:, 1]
-        bias = np.sqrt(np.maximum(difference**2 - (FLANK_NOISE * across) ** 2, 0.0))
-        direction = np.arctan2(self.gradient[:, 1], self.gradient[:, 0])
-        return Edgels(self.position, direction, self.magnitude, along, across, self.width, bias, self.prominence)
-
-
-def _usual_width(width: FloatArray, across: FloatArray, sigma: float) -> float:
-    """Pixels: median width of clear steps; width, across : (n,), of maxima; sigma : of the smoothing, pixels."""
-    clear = width[across < CLEAR]
-    return float(np.median(clear)) if len(clear) else sigma
+    return Edgels(*edgel_kernels.described(found, index, sigma))
 
 
 def maxima(
@@ -402,7 +332,8 @@ def maxima(
     if detector not in DETECTORS:
         raise ValueError(f'detector: expected one of {", ".join(DETECTORS)}, got {detector!r}')
     if min(grey.shape) < SMALLEST_IMAGE:
-        return Maxima.empty()
+        pairs, numbers = np.zeros((0, 2)), np.zeros(0)
+        return Maxima(pairs, pairs, numbers, numbers, numbers, pairs, numbers)
     gx, gy = slopes = gradient(grey, detector, sigma)
     if noise is None:
         noise = measured_response(gx, gy, sigma)
@@ -423,7 +354,7 @@ def maxima(
         position, slope, magnitude, response, width = edgel_kernels.ridge_maxima(
             slopes, squared, logarithm, least, noise.sigma, noise.tile
         )
-    distance = FLANK_DISTANCE * max(_usual_width(width, response / magnitude, sigma), sigma)
+    distance = FLANK_DISTANCE * edgel_kernels.usual_width(width, response, magnitude, sigma)
     flanks, saddle = edgel_kernels.flanking_gradients(gx, gy, position, slope, distance)
     return Maxima(position, slope, magnitude, response, width, flanks, saddle)
 
@@ -467,4 +398,4 @@ def detect(
     ([3.5, 3.5, 3.5, 3.5, 3.5], [0.0, 0.0, 0.0, 0.0, 0.0])
     """
     found = maxima(grey, detector, sigma, threshold, noise)
-    return found.select(np.flatnonzero(found.prominence > PROMINENCE)).described(sigma)
+    return described(found, np.flatnonzero(found.prominence > PROMINENCE).astype(np.int32), sigma)
