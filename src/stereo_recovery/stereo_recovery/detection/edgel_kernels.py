@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import Float32Array, FloatArray, Int32Array
+from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray, Int32Array
 
 from .sampling import bilinear_pair
 from .settings import (
@@ -65,11 +65,28 @@ class Maxima(NamedTuple):
 
 
 @njit
-def _is_maximum(m2: Float32Array, gx: Float32Array, gy: Float32Array, y: int, x: int) -> bool:
-    """Whether m2 (h, w) at (y, x) is the largest, or first of equals, of three along the axis nearest the gradient."""
-    dy, dx = (0, 1) if abs(gx[y, x]) >= abs(gy[y, x]) else (1, 0)
-    largest: bool = m2[y, x] > m2[y - dy, x - dx] and m2[y, x] >= m2[y + dy, x + dx]
-    return largest
+def _mark_maxima(
+    rows: tuple[Float32Array, Float32Array, Float32Array],
+    gx: Float32Array,
+    gy: Float32Array,
+    limits: Float32Array,
+    marked: BoolArray,
+) -> None:
+    """Mark where a row (w,) exceeds its limits and is the largest, or first of equals, along its gradient's axis.
+
+    rows : squared magnitudes in the row above, in it and below; gx, gy, limits : (w,) of the row; marked : (w - 4,)
+    from the third pixel on, overwritten
+    """
+    # Without branches, so that several pixels are looked at at once.
+    n = len(marked)
+    above, below, here = rows[0][2 : n + 2], rows[2][2 : n + 2], rows[1][2 : n + 2]
+    before, behind = rows[1][1 : n + 1], rows[1][3 : n + 3]
+    gx, gy, limits = gx[2 : n + 2], gy[2 : n + 2], limits[2 : n + 2]
+    for k in range(n):
+        level = abs(gx[k]) >= abs(gy[k])
+        first = before[k] if level else above[k]
+        last = behind[k] if level else below[k]
+        marked[k] = (here[k] > limits[k]) & (here[k] > first) & (here[k] >= last)
 
 
 @njit(nogil=True)
@@ -109,17 +126,18 @@ def ridge_maxima(
     room = h * w // 8 + 64
     position, gradient = np.empty((room, 2)), np.empty((room, 2))
     magnitude, response, width = np.empty(room), np.empty(room), np.empty(room)
-    limits = np.empty(w, np.float32)
+    limits, marked = np.empty(w, np.float32), np.empty(w - 4, np.bool_)
     n, row = 0, 0
     for y in range(2, h - 2):
         if y == 2 or y % tile == 0:
             row = min(y // tile, least.shape[0] - 1)
             for x in range(w):
                 limits[x] = least[row, min(x // tile, least.shape[1] - 1)] ** 2
+        _mark_maxima((squared[y - 1], squared[y], squared[y + 1]), gx[y], gy[y], limits, marked)
         for x in range(2, w - 2):
-            value = squared[y, x]
-            if value <= limits[x] or not _is_maximum(squared, gx, gy, y, x):
+            if not marked[x - 2]:
                 continue
+            value = squared[y, x]
             norm = np.sqrt(value)
             nx, ny = gx[y, x] / norm, gy[y, x] / norm
             # Least-squares quadratic over 3 x 3 samples of the logarithm (closed form of the facet model).
