@@ -10,21 +10,20 @@ from msgs_py.numeric.typed import FloatArray, IntArray
 from ..detection.settings import LEAST_DIVISOR
 from .settings import ACROSS_COSINE, CLOSED_EDGELS, CORNER_EDGELS, RUN_GAP
 
-# So many edgels in a row have one box.
-BLOCK = 64
-
 
 @njit
 def boxes(position: FloatArray) -> FloatArray:
-    """(b, 4) float64, pixels: least and largest column and row of every BLOCK edgels in a row.
+    """(b, 6) float64: least and largest column and row, pixels, of edgels in a row, and which, [first, last).
 
     position : (n, 2) pixels, in the order of chains, so that those in a row are near each other
     """
-    out = np.empty(((len(position) + BLOCK - 1) // BLOCK, 4))
-    for k in range(len(out)):
-        some = position[k * BLOCK : (k + 1) * BLOCK]
-        out[k, 0], out[k, 1] = some[:, 0].min(), some[:, 1].min()
-        out[k, 2], out[k, 3] = some[:, 0].max(), some[:, 1].max()
+    count = (len(position) + 63) // 64
+    out = np.empty((count, 6))
+    for k in range(count):
+        first, last = 64 * k, min(64 * (k + 1), len(position))
+        u, v = position[first:last, 0], position[first:last, 1]
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = u.min(), v.min(), u.max(), v.max()
+        out[k, 4], out[k, 5] = first, last
     return out
 
 
@@ -43,7 +42,7 @@ def on_conic(
     for b in range(len(around)):
         if around[b, 2] < left or around[b, 0] > right or around[b, 3] < top or around[b, 1] > bottom:
             continue
-        for k in range(b * BLOCK, min((b + 1) * BLOCK, len(position))):
+        for k in range(int(around[b, 4]), int(around[b, 5])):
             x, y = position[k, 0], position[k, 1]
             if x < left or x > right or y < top or y > bottom:
                 continue

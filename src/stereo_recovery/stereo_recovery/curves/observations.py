@@ -37,7 +37,7 @@ class Seen(NamedTuple):
         Metres.
     blur : float
         Squared pixels. Variance of the smoothing that edgels have gone through; 0 for points that come from no image.
-    boxes : ((b, 4), (c, 4)) float64, pixels
+    boxes : ((b, 6), (c, 6)) float64
         Of the left and of the right image's, see :func:`.inlier_kernels.boxes`.
     """
 
