@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from model_matcher.closed_form.bop.results import read_results
 from model_matcher.closed_form.case import Case
 from model_matcher.closed_form.following.track_cli import main
 from model_matcher.closed_form.following.track_film import animated_png
@@ -47,6 +48,10 @@ def test_a_written_sequence_becomes_poses_film_and_plot(sequence, tmp_path, caps
     lines = (tmp_path / 'poses.tum').read_text().splitlines()
     assert len(lines) == FRAMES
     assert all(len(line.split()) == 8 for line in lines)
+    for number, (one, true) in enumerate(zip(read_results(tmp_path / 'poses_bop.csv'), truth, strict=True)):
+        assert (one.scene_id, one.image_id, one.object_id) == (1, number, 1)
+        assert one.score > 0.7
+        assert true.error_to(one.pose).rotation_deg < 0.3
     assert cv2.imread(str(tmp_path / 'plot.png')) is not None
     film = cv2.imread(str(tmp_path / 'film.png'))
     assert film.shape == (240, 320, 3)

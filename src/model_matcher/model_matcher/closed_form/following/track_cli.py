@@ -21,6 +21,7 @@ from msgs_py.commands import DONE, NOTHING, CommandParser, add_json, run_command
 
 from ...model.index import ModelIndex
 from ...model.library import models_of
+from ..bop.results import BopResult, write_results
 from ..poses import pose_from_angles
 from .follow import FollowedFrame, follow
 from .picture_frames import picture_frames
@@ -108,7 +109,10 @@ def summary(frames: Sequence[FollowedFrame]) -> str:
 
 
 def write_followed(folder: Path, frames: Sequence[FollowedFrame], film: str = 'film.mp4', scale: float = 1.0) -> None:
-    """Write poses.csv, poses.tum (stamp x y z qx qy qz qw), the film and plot.png.
+    """Write poses.csv, poses.tum (stamp x y z qx qy qz qw), poses_bop.csv, the film and plot.png.
+
+    In BOP's file frames are images of scene 1 and the model is object 1; a score is the share of the outline that is
+    seen.
 
     Raises
     ------
@@ -128,6 +132,14 @@ def write_followed(folder: Path, frames: Sequence[FollowedFrame], film: str = 'f
                 numbers = (*one.pose.translation, *one.pose.quaternion)
                 lines.append(f'{one.frame.stamp_s:.6f} {" ".join(f"{value:.9f}" for value in numbers)}\n')
     (folder / 'poses.tum').write_text(''.join(lines), encoding='utf-8')
+    write_results(
+        folder / 'poses_bop.csv',
+        (
+            BopResult(1, number, 1, one.tracked.presence.support, one.pose, 1e-3 * one.milliseconds)
+            for number, one in enumerate(frames)
+            if one.tracked is not None and one.pose is not None
+        ),
+    )
     stamps = [one.frame.stamp_s for one in frames]
     rate = (len(stamps) - 1) / (stamps[-1] - stamps[0]) if stamps[-1] > stamps[0] else 30.0
     write_film(folder / film, [draw_followed(one, scale) for one in frames], rate)
