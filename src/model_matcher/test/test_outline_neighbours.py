@@ -13,7 +13,7 @@ from model_matcher.image_pose.alignment import Placed
 from model_matcher.image_pose.neighbours import may_hide, neighbours
 from model_matcher.image_pose.presence import crowded, overlap
 from model_matcher.image_pose.profiles import _normal_integral, _step_rows, _straight_profile, profile
-from model_matcher.image_pose.settings import FLANK, ON_EDGE, OWN_STEP, PARALLEL
+from model_matcher.image_pose.settings import FLANK, OWN_STEP, PARALLEL
 
 
 def strokes(rng: np.random.Generator, count: int) -> Placed:
@@ -55,9 +55,8 @@ def test_of_two_curves_on_one_step_the_farther_may_hide(seed, count):
     placed = strokes(rng, count)
     placed = placed._replace(point=rng.uniform(1.0, 2.0, placed.point.shape))
     same_view, shift, _ = pairs_of(placed, placed)
-    across = np.abs((shift * placed.normal[:, None]).sum(axis=2))
     later = placed.group[:, None] > placed.group[None]
-    near = same_view & later & ((shift**2).sum(axis=2) < OWN_STEP**2) & (across <= ON_EDGE)
+    near = same_view & later & ((shift**2).sum(axis=2) < OWN_STEP**2)
     depth = np.where(placed.eye == 0, placed.point[:, 2], placed.point[:, 0])
     expected = ((near | near.T) & (depth[:, None] > depth[None])).any(axis=1)
     np.testing.assert_array_equal(may_hide(placed, STILL, ALONG_Z_AND_X), expected)

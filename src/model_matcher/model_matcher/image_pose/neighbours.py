@@ -9,7 +9,7 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array
 
 from ..geometry.rigid_motion import transform
 from .alignment import Placed
-from .settings import BESIDE, FLANK, LEAST_FLANK, ON_EDGE, OWN_STEP, PARALLEL
+from .settings import BESIDE, FLANK, LEAST_FLANK, OWN_STEP, PARALLEL
 
 
 @njit(nogil=True)
@@ -127,8 +127,7 @@ def may_hide(placed: Placed, motion: FloatArray, cameras: FloatArray) -> BoolArr
                     continue
                 for j in range(begin[other], begin[other + 1]):
                     du, dv = placed.pixel[j, 0] - u, placed.pixel[j, 1] - v
-                    across = placed.normal[k, 0] * du + placed.normal[k, 1] * dv
-                    if abs(across) <= ON_EDGE and du * du + dv * dv < OWN_STEP * OWN_STEP:
+                    if du * du + dv * dv < OWN_STEP * OWN_STEP:
                         out[k if depth[k] > depth[j] else j] = True
     return out
 

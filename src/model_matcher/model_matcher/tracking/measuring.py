@@ -129,7 +129,8 @@ def measured(
     if len(sight) < FEWEST_POINTS:
         return None
     density = elsewhere(within(place.steps, NEAR), NEAR)
-    steps = fitted(sight, views)
+    # Of two edges that blur into one, or of one that is hidden by now, the fit makes two as well as it can.
+    steps = _own(fitted(sight, views), sight, motion, views)
     _, weight, normal, error = settled(motion, shape.centre, views.rows, sight.placed, steps, error, density, ROUNDS)
     if (weight > 0.0).sum() < FEWEST_POINTS:
         return None
