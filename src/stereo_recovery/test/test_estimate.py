@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stereo_recovery.estimation.equation_kernels import first_of_edges
-from stereo_recovery.estimation.estimate import OwnLines, estimate
+from stereo_recovery.estimation.estimate import OwnLines, estimate, told_prior
 from stereo_recovery.estimation.factors import Factors
 from stereo_recovery.estimation.normal_equations import NormalEquations
 
@@ -182,3 +182,27 @@ def test_parts_that_nothing_ties_are_decided_as_if_alone():
         measured(disparity.tolist(), sigma.tolist()), tied([link for k, link in enumerate(links) if k != 5])
     )
     assert together.used.tolist() == [*alone[0].used, *alone[1].used]
+
+
+def one_by_one(values: list[float], prior: float = 0.7, sigma: float = 0.2) -> Factors:
+    """Statements that the disparity of edges 0, 1, ... at their middles has these values."""
+    k = len(values)
+    middles = np.tile([1.0, 0.0], (k, 1))
+    numbers = np.array(values), *(np.full(k, of) for of in (sigma, prior, 30.0))
+    return Factors.of_one(np.arange(k), middles, *numbers)
+
+
+def test_statements_that_known_edges_contradict_are_believed_less_and_confirmed_ones_more():
+    count = 40
+    x, covariance = np.zeros((count, 2)), np.tile(0.01 * np.eye(2), (count, 1, 1))
+    known = np.arange(count) < 30
+    for held in (0, 15, 30):
+        values = [0.1 if k < held else 12.0 for k in range(count)]
+        prior = told_prior(one_by_one(values), known, x, covariance)
+        # Ten that the stated prior is worth, and the thirty that are known.
+        np.testing.assert_allclose(prior, (10.0 * 0.7 + held) / 40.0, atol=0.02)
+
+
+def test_where_no_edge_is_known_a_prior_stays():
+    prior = told_prior(one_by_one([0.0, 9.0]), np.zeros(2, bool), np.zeros((2, 2)), np.tile(np.eye(2), (2, 1, 1)))
+    assert prior.tolist() == [0.7, 0.7]

@@ -12,6 +12,7 @@ from stereo_recovery.detection.junctions import find_junctions
 from stereo_recovery.detection.segments import Segments
 from stereo_recovery.edges.texture_matching import seen_by_texture
 from stereo_recovery.estimation.texture import AlignedStrips, Texture, texture_factors, texture_rows
+from stereo_recovery.estimation.texture_kernels import DENSE
 from stereo_recovery.matching.dense import DenseDisparity
 from stereo_recovery.matching.matches import Matches
 from stereo_recovery.matching.row_error import RowWitnesses, fitted_error
@@ -71,6 +72,25 @@ def test_a_level_edge_has_the_disparity_of_the_surface_beside_it(gain, shift, lo
     assert (np.abs(off) < 3.0 * factors.sigma).all()
     assert (np.abs(off[:2]) < 0.5).all(), 'the match is six pixels off'
     assert (factors.sigma[:2] < 1.0).all()
+
+
+def test_where_the_images_cannot_be_aligned_dense_disparity_tells():
+    left, right = pictures()
+    seen = seen_along(np.array([[120.0, 130.0], [260.0, 132.0]]))
+    dense = DenseDisparity(left, right, 20.0, 60.0)
+    # What the right image shows is gone once dense disparity is known.
+    texture = Texture.of((left, np.random.default_rng(5).normal(120.0, 40.0, right.shape).astype(np.float32)), dense)
+    strips = strips_of(seen, texture)
+    assert len(texture_factors(seen, np.array([0]), strips)) == 0
+    factors = texture_factors(seen, np.array([0]), strips, DENSE)
+    assert len(factors) == 4, 'of both sides a place and a slope'
+    segment = seen.segments[0]
+    along = PLANE[1] * segment.direction[0, 0] + PLANE[2] * segment.direction[0, 1]
+    middle = PLANE[0] + segment.centre[0] @ np.array(PLANE[1:])
+    off = factors.value - factors.row @ np.array([middle, along])
+    assert (np.abs(off) < 3.0 * factors.sigma).all()
+    assert (factors.sigma[:2] < 1.5).all()
+    assert len(texture_rows(seen, AlignedStrips(seen.segments[0], texture)).off) == 0, 'it knows nothing of rows'
 
 
 def test_a_plain_surface_says_nothing():

@@ -7,13 +7,13 @@ from functools import cached_property
 
 import numpy as np
 
-from msgs_py import FeatureSet
+from msgs_py import FeatureKind, FeatureSet
 
 from ..geometry.features import DataFeatures, ModelFeatures
 from ..geometry.settings import SMALLEST_LENGTH
 from ..params import MatchParams
 from .index import ModelIndex, data_tolerances, feature_rows
-from .settings import FARTHEST, SEARCH_WIDTH
+from .settings import FARTHEST, MOST_ACROSS, SEARCH_WIDTH
 
 
 @dataclass(eq=False)
@@ -69,6 +69,9 @@ class Problem:
 def usable(data: FeatureSet, unit: float | None = 1.0) -> np.ndarray:
     """The features that are neither without length nor beyond all distance, in place or in error.
 
+    An edge that was measured so badly that its direction is open, as its covariance says, tells no pose; an edge of
+    which bounds alone are stated is taken with them.
+
     Parameters
     ----------
     data : FeatureSet
@@ -90,7 +93,9 @@ def usable(data: FeatureSet, unit: float | None = 1.0) -> np.ndarray:
     if unit is None:
         unit = 1.0 / (float(np.median(far)) or 1.0) if len(far) else 1.0
     far = np.maximum(far, np.maximum(data.err_par, data.err_per))
-    return np.flatnonzero((data.lengths > SMALLEST_LENGTH) & (far < FARTHEST / unit))
+    measured = (data.kind == FeatureKind.EDGE) & np.isfinite(data.covariance[:, 0, 0])
+    directed = ~measured | (data.err_per < MOST_ACROSS * data.lengths)
+    return np.flatnonzero((data.lengths > SMALLEST_LENGTH) & (far < FARTHEST / unit) & directed)
 
 
 def make_problem(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Problem:

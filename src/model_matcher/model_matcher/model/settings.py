@@ -6,6 +6,9 @@ from __future__ import annotations
 
 # Metres: what is said to be farther is a mistake, and its squares and cubes would be without number.
 FARTHEST = 1e6
+# Three sigma by which an edge is off across, as a share of its length, from which its direction is open: beyond the cap
+# of the thesis' cone (5.4) at both ends.
+MOST_ACROSS = 0.25
 
 # -- voxel tables ----------------------------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 # -- what is reported --------------------------------------------------------------------------------------------------
 
 # Largest three sigma bound across an edge, as a share of its length. [R]
-MOST_ERR_PER = 0.25
+MOST_ERR_PER = 0.4
 
 # -- where edges end ---------------------------------------------------------------------------------------------------
 

@@ -8,14 +8,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from msgs_py import StereoRig
+from msgs_py.numeric.typed import BoolArray
 
 from ..curves.curve import Curve
 from ..detection.segments import Segments
-from ..estimation.estimate import Estimate, by_factors, end_sigma, estimate, unit_variance, without_itself
+from ..estimation.estimate import (
+    Estimate,
+    OwnLines,
+    by_factors,
+    end_sigma,
+    estimate,
+    told_prior,
+    unit_variance,
+    without_itself,
+)
 from ..estimation.factors import Factors, collinear_factors, end_factors, junction_factors, rounded_corner_factors
 from ..estimation.parallel_groups import parallel_factors
 from ..estimation.settings import GROUP_ROUNDS, MOST_CORNER_SIGMA, WELL_MEASURED
 from ..estimation.texture import AlignedStrips, texture_factors
+from ..estimation.texture_kernels import ALIGNED, DENSE
 from ..matching.stereo_segments import StereoSegments
 from ..stopwatch import Late, never
 from .extents import extents
@@ -63,6 +74,18 @@ def _as_they_meet(factors: Factors, found: Estimate) -> Factors:
     return replace(factors, sigma=np.where(factors.other >= 0, heavy, factors.sigma))
 
 
+def _texture(seen: StereoSegments, lines: OwnLines, known: BoolArray, strips: AlignedStrips | None) -> list[Factors]:
+    """What the texture beside edges says, trusted as far as those (n,) that know their disparity tell."""
+    covariance = np.asarray(np.linalg.inv(lines.information), np.float64)
+    x = np.einsum('nij,nj->ni', covariance, lines.vector)
+    result = []
+    for told_by in (ALIGNED, DENSE):
+        texture = texture_factors(seen, np.flatnonzero(seen.straight), strips, told_by)
+        prior = told_prior(texture, known, x, covariance)
+        result.append(replace(texture, prior=prior).select(~known[texture.edge]))
+    return result
+
+
 def solved(seen: StereoSegments, beside: Beside) -> Estimate:
     """The disparities of all edges: first without parallel groups, which known edges show, then with them.
 
@@ -75,8 +98,7 @@ def solved(seen: StereoSegments, beside: Beside) -> Estimate:
     x = np.stack([disparity[:, 1] - slope * lines.extent.mean(axis=1), slope], axis=1)
     # Only what the right image shows of junctions depends on the unknowns.
     fixed = [make(seen) for make in (rounded_corner_factors, collinear_factors, end_factors)]
-    open_edges = np.flatnonzero(~known & seen.straight)
-    fixed.append(texture_factors(seen, open_edges, beside.strips))
+    fixed += _texture(seen, lines, known, beside.strips)
     factors = Factors.concatenate([junction_factors(seen, x), *fixed])
     found = estimate(lines, factors, np.zeros(len(factors), bool))
     for _ in range(GROUP_ROUNDS):

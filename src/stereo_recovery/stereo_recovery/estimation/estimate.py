@@ -25,7 +25,7 @@ from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, IntArray
 from .equation_kernels import Solution
 from .factors import Factors
 from .normal_equations import NormalEquations
-from .settings import LEAST_REST, MATCH_SIGMA, MATCH_SLOPE, REDUNDANCY, START_ROUNDS, WELL_MEASURED
+from .settings import LEAST_REST, MATCH_SIGMA, MATCH_SLOPE, PRIOR_ROUNDS, REDUNDANCY, START_ROUNDS, WELL_MEASURED
 from .start_kernels import Statements, likeliest
 
 
@@ -185,6 +185,37 @@ def misfit(factors: Factors, solution: Solution, used: BoolArray) -> FloatArray:
     off, variance = without_itself(factors, solution, used)
     told = used & (1.0 - solution.variance / factors.sigma**2 > 0.05)
     return np.where(told, np.abs(off) / np.sqrt(variance + factors.sigma**2), np.nan)
+
+
+def told_prior(factors: Factors, known: BoolArray, x: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(k,) probability that statements of one kind hold, by those whose edges are known without them.
+
+    The most likely one by expectation-maximisation, with the statements' own word worth REDUNDANCY of them.
+
+    Parameters
+    ----------
+    factors : Factors
+        k statements about one edge each.
+    known : (n,) bool
+        Edges that are known.
+    x, covariance : (n, 2), (n, 2, 2)
+        What edges know.
+    """
+    prior = factors.prior.copy()
+    off, variance, spread = _misses(factors.select(known[factors.edge]), x, covariance)
+    odds = spread * np.exp(-0.5 * off**2 / variance) / np.sqrt(2.0 * np.pi * variance)
+    for _ in range(PRIOR_ROUNDS):
+        share = prior[known[factors.edge]]
+        held = float((share * odds / (share * odds + 1.0 - share)).sum())
+        prior = (REDUNDANCY * factors.prior + held) / (REDUNDANCY + len(odds))
+    return prior
+
+
+def _misses(factors: Factors, x: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(k,) each: by how much statements about one edge miss what the edges know, its variance, and their spread."""
+    off = np.einsum('ki,ki->k', factors.row, x[factors.edge]) - factors.value
+    variance = np.einsum('ki,kij,kj->k', factors.row, covariance[factors.edge], factors.row)
+    return off, variance + factors.sigma**2, factors.spread
 
 
 def unit_variance(misses: FloatArray) -> float:

@@ -70,8 +70,10 @@ START_ROUNDS, ROUNDS = 3, 100
 LEAST_REST = 1e-6
 # So often a factor may be taken out again. [D] more would not end
 MOST_REMOVED = 2
-# Residuals that the sigmas' own word is worth. [R]
+# Residuals that the sigmas' own word is worth, and statements that a prior's is. [R]
 REDUNDANCY = 10.0
+# Rounds of expectation-maximisation in which a prior is told. [D] it changes by less than a hundredth after these
+PRIOR_ROUNDS = 5
 
 # -- sagitta -----------------------------------------------------------------------------------------------------------
 

@@ -33,7 +33,7 @@ from .settings import (
     STRIP_ROW_SIGMA,
     STRIP_SIGMA,
 )
-from .texture_kernels import align_strips
+from .texture_kernels import ALIGNED, UNKNOWN, align_strips
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,17 +90,20 @@ class AlignedStrips:
         self.texture, self.rows = texture, rows
         self._left = left
         self._asked = np.zeros(len(left), bool)
-        # Of both sides of every segment: whether it aligned, and if so disparity, slope and row, and their covariance.
-        self._good = np.zeros((2, len(left)), bool)
+        # Of both sides of every segment: who tells it, and if any disparity, slope and row, and their covariance.
+        self._told_by = np.full((2, len(left)), UNKNOWN, np.uint8)
         self._value = np.zeros((2, len(left), 3))
         self._covariance = np.zeros((2, len(left), 3, 3))
 
-    def beside(self, index: AnyArray) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Strips beside segments (m,): which of ``index`` they belong to (k,), disparity, slope and row, covariance."""
+    def beside(self, index: AnyArray, told_by: int = ALIGNED) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Strips beside segments (m,): which of ``index`` they belong to (k,), disparity, slope and row, covariance.
+
+        told_by : ALIGNED or DENSE
+        """
         fresh = np.unique(index[~self._asked[index]])
         if len(fresh):
             self._align(fresh)
-        side, owner = np.nonzero(self._good[:, index])
+        side, owner = np.nonzero(self._told_by[:, index] == told_by)
         value, covariance = self._value[side, index[owner]], self._covariance[side, index[owner]]
         if self.rows is None:
             return owner, value, covariance
@@ -126,7 +129,7 @@ class AlignedStrips:
             strips = place * [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 2.0 * k - 1.0]
             dense = texture.dense.disparity, texture.dense.scale
             found = align_strips(texture.levels, texture.scale, *dense, strips)
-            self._good[k, fresh], self._value[k, fresh] = found[:2]
+            self._told_by[k, fresh], self._value[k, fresh] = found[:2]
             self._covariance[k, fresh] = STRIP_CORRELATION * found[2]
 
         with ThreadPoolExecutor(1) as beside:
@@ -152,22 +155,26 @@ def texture_rows(seen: StereoSegments, strips: AlignedStrips) -> RowWitnesses:
     return RowWitnesses(strips.places(index[owner], value)[told], value[told, 2], sigma[told])
 
 
-def texture_factors(seen: StereoSegments, open_edges: IntArray, strips: AlignedStrips | None) -> Factors:
+def texture_factors(
+    seen: StereoSegments, edges: IntArray, strips: AlignedStrips | None, told_by: int = ALIGNED
+) -> Factors:
     """What the surfaces on either side of edges say of their disparity.
 
     Parameters
     ----------
     seen : StereoSegments
         n edges.
-    open_edges : (m,) int
-        Those that need it.
+    edges : (m,) int
+        Those that are asked for.
     strips : AlignedStrips, optional
         None says nothing.
+    told_by : int
+        ALIGNED: strips that were found again; DENSE: others, of which dense disparity alone knows.
     """
-    if strips is None or len(open_edges) == 0:
+    if strips is None or len(edges) == 0:
         return Factors.none()
-    owner, value, covariance = strips.beside(seen.matches.left[open_edges])
-    edge = open_edges[owner]
+    owner, value, covariance = strips.beside(seen.matches.left[edges], told_by)
+    edge = edges[owner]
     # Where disparity and slope are independent, they are two statements.
     at = -covariance[:, 0, 1] / covariance[:, 1, 1]
     length = seen.segments[0].length[seen.matches.left[edge]]

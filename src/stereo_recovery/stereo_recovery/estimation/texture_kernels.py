@@ -6,7 +6,7 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.robust import NORMAL_QUARTILE
-from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray
+from msgs_py.numeric.typed import ByteArray, Float32Array, FloatArray
 
 from ..detection.sampling import bilinear
 from .settings import (
@@ -35,6 +35,9 @@ from .settings import (
 # levels, and the row in the right image over that in the left.
 UNKNOWNS = 6
 
+
+# Who tells the disparity of a strip.
+UNKNOWN, DENSE, ALIGNED = 0, 1, 2
 
 # Rows of what is known of places of a strip: abscissa, distance from the edge, column, row, grey level, all of the left
 # image; and of what the right image says of them: the residual's derivatives by the unknowns, the residual, its weight.
@@ -231,10 +234,11 @@ def _align(
 
 
 @njit
-def _start(strip: FloatArray, dense: Float32Array, f: float, p: FloatArray) -> bool:
+def _start(strip: FloatArray, dense: Float32Array, f: float, p: FloatArray, covariance: FloatArray) -> bool:
     """Whether dense disparity is known beside an edge; it fills disparity and slope into p, by a robust line.
 
-    dense : (h, w) reduced pixels, NaN where it is not known; f : reduced pixels a pixel
+    dense : (h, w) reduced pixels, NaN where it is not known; f : reduced pixels a pixel; covariance : (3, 3), filled
+    with that of disparity, slope and row
     """
     height, width = dense.shape
     place, value = np.empty(STRIP_STARTS * len(STRIP_ASKED)), np.empty(STRIP_STARTS * len(STRIP_ASKED))
@@ -261,6 +265,11 @@ def _start(strip: FloatArray, dense: Float32Array, f: float, p: FloatArray) -> b
         determinant = n * nss - ns * ns
         a, b = (nss * v - ns * vs) / determinant, (n * vs - ns * v) / determinant
     p[0], p[1] = a, b
+    # Cauchy's weights have a width of one reduced pixel.
+    covariance[:] = 0.0
+    covariance[0, 0], covariance[1, 1] = nss / determinant / f**2, n / determinant / f**2
+    covariance[0, 1] = covariance[1, 0] = -ns / determinant / f**2
+    covariance[2, 2] = STRIP_ROW_PRIOR**2 / STRIP_CORRELATION
     return True
 
 
@@ -271,17 +280,18 @@ def align_strips(
     dense: Float32Array,
     dense_scale: float,
     strips: FloatArray,
-) -> tuple[BoolArray, FloatArray, FloatArray]:
+) -> tuple[ByteArray, FloatArray, FloatArray]:
     """Disparity of the surfaces beside edges, from strips of texture, the coarsest level first.
 
     levels : images of both sides, the coarsest first, the pair itself last; scale : (levels,) their pixels a pixel;
     dense, dense_scale : see :func:`_start`; strips : (n, 7) centre, direction, first and last abscissa, side
 
-    Returns (n,) whether it aligned, (n, 3) disparity at abscissa 0 and its slope, on the edge, and by how much the
-    right image's rows are lower, STRIP_ROW_PRIOR about none, and (n, 3, 3) their covariance.
+    Returns (n,) UNKNOWN, DENSE where dense disparity alone tells, ALIGNED where the images do; (n, 3) disparity at
+    abscissa 0 and its slope, on the edge, and by how much the right image's rows are lower, STRIP_ROW_PRIOR about none;
+    and (n, 3, 3) their covariance.
     """
     n = len(strips)
-    good = np.zeros(n, np.bool_)
+    told_by = np.full(n, UNKNOWN, np.uint8)
     value, covariance = np.zeros((n, 3)), np.zeros((n, 3, 3))
     told = np.array([0, 1, 5])
     prior = np.array(
@@ -299,8 +309,10 @@ def align_strips(
     p = np.empty(UNKNOWNS)
     for e in range(n):
         p[2], p[3], p[4], p[5] = 0.0, 1.0, 0.0, 0.0
-        if not _start(strips[e], dense, dense_scale, p):
+        if not _start(strips[e], dense, dense_scale, p, covariance[e]):
             continue
+        # What dense disparity says by itself, which stands where no strip can be aligned.
+        told_by[e], value[e, 0], value[e, 1] = DENSE, p[0], p[1]
         for level in range(len(scale)):
             f = scale[level]
             p[0] *= f
@@ -316,12 +328,13 @@ def align_strips(
             fine, inverse, share = _align(levels[level][1], places, count, p, prior, lever, seen)
             p[0] /= f
             p[5] /= f
-            good[e] = fine and share >= STRIP_LEAST_SHARE
-            if not good[e]:
+            if not fine or share < STRIP_LEAST_SHARE:
                 break
             # The last level is that of the images themselves.
-            for i in range(3):
-                value[e, i] = p[told[i]]
-                for j in range(3):
-                    covariance[e, i, j] = inverse[told[i], told[j]]
-    return good, value, covariance
+            if level == len(scale) - 1:
+                told_by[e] = ALIGNED
+                for i in range(3):
+                    value[e, i] = p[told[i]]
+                    for j in range(3):
+                        covariance[e, i, j] = inverse[told[i], told[j]]
+    return told_by, value, covariance
