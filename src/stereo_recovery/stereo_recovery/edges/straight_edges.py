@@ -8,20 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from msgs_py import StereoRig
-from msgs_py.numeric.typed import BoolArray
+from msgs_py.numeric.typed import BoolArray, FloatArray
 
 from ..curves.curve import Curve
 from ..detection.segments import Segments
-from ..estimation.estimate import (
-    Estimate,
-    OwnLines,
-    by_factors,
-    end_sigma,
-    estimate,
-    told_prior,
-    unit_variance,
-    without_itself,
-)
+from ..estimation.estimate import Estimate, by_factors, end_sigma, estimate, told_prior, unit_variance, without_itself
 from ..estimation.factors import Factors, collinear_factors, end_factors, junction_factors, rounded_corner_factors
 from ..estimation.parallel_groups import parallel_factors
 from ..estimation.settings import GROUP_ROUNDS, MOST_CORNER_SIGMA, WELL_MEASURED
@@ -74,14 +65,17 @@ def _as_they_meet(factors: Factors, found: Estimate) -> Factors:
     return replace(factors, sigma=np.where(factors.other >= 0, heavy, factors.sigma))
 
 
-def _texture(seen: StereoSegments, lines: OwnLines, known: BoolArray, strips: AlignedStrips | None) -> list[Factors]:
-    """What the texture beside edges says, trusted as far as those (n,) that know their disparity tell."""
-    covariance = np.asarray(np.linalg.inv(lines.information), np.float64)
-    x = np.einsum('nij,nj->ni', covariance, lines.vector)
+def _texture(
+    seen: StereoSegments, known: BoolArray, own: tuple[FloatArray, FloatArray], strips: AlignedStrips | None
+) -> list[Factors]:
+    """What the texture beside edges says, trusted as far as those (n,) that know their disparity tell.
+
+    own : unknowns (n, 2) and covariance (n, 2, 2) by each edge's own lines
+    """
     result = []
     for told_by in (ALIGNED, DENSE):
         texture = texture_factors(seen, np.flatnonzero(seen.straight), strips, told_by)
-        prior = told_prior(texture, known, x, covariance)
+        prior = told_prior(texture, known, *own)
         result.append(replace(texture, prior=prior).select(~known[texture.edge]))
     return result
 
@@ -93,12 +87,14 @@ def solved(seen: StereoSegments, beside: Beside) -> Estimate:
     """
     disparity = seen.matches.disparity
     lines = joint_lines(seen, beside.row_sigma, beside.views).about(disparity[:, 1])
-    known = end_sigma(np.linalg.inv(lines.information), lines).max(axis=1) < WELL_MEASURED
+    own_covariance = np.asarray(np.linalg.inv(lines.information), np.float64)
+    known = end_sigma(own_covariance, lines).max(axis=1) < WELL_MEASURED
     slope = (disparity[:, 2] - disparity[:, 0]) / np.maximum(np.diff(lines.extent)[:, 0], 1.0)
     x = np.stack([disparity[:, 1] - slope * lines.extent.mean(axis=1), slope], axis=1)
     # Only what the right image shows of junctions depends on the unknowns.
     fixed = [make(seen) for make in (rounded_corner_factors, collinear_factors, end_factors)]
-    fixed += _texture(seen, lines, known, beside.strips)
+    own_x = np.einsum('nij,nj->ni', own_covariance, lines.vector)
+    fixed += _texture(seen, known, (own_x, own_covariance), beside.strips)
     factors = Factors.concatenate([junction_factors(seen, x), *fixed])
     found = estimate(lines, factors, np.zeros(len(factors), bool))
     for _ in range(GROUP_ROUNDS):

@@ -201,21 +201,17 @@ def told_prior(factors: Factors, known: BoolArray, x: FloatArray, covariance: Fl
     x, covariance : (n, 2), (n, 2, 2)
         What edges know.
     """
-    prior = factors.prior.copy()
-    off, variance, spread = _misses(factors.select(known[factors.edge]), x, covariance)
-    odds = spread * np.exp(-0.5 * off**2 / variance) / np.sqrt(2.0 * np.pi * variance)
+    telling = known[factors.edge]
+    told = factors.select(telling)
+    off = np.einsum('ki,ki->k', told.row, x[told.edge]) - told.value
+    variance = np.einsum('ki,kij,kj->k', told.row, covariance[told.edge], told.row) + told.sigma**2
+    odds = told.spread * np.exp(-0.5 * off**2 / variance) / np.sqrt(2.0 * np.pi * variance)
+    prior = factors.prior
     for _ in range(PRIOR_ROUNDS):
-        share = prior[known[factors.edge]]
+        share = prior[telling]
         held = float((share * odds / (share * odds + 1.0 - share)).sum())
         prior = (REDUNDANCY * factors.prior + held) / (REDUNDANCY + len(odds))
     return prior
-
-
-def _misses(factors: Factors, x: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(k,) each: by how much statements about one edge miss what the edges know, its variance, and their spread."""
-    off = np.einsum('ki,ki->k', factors.row, x[factors.edge]) - factors.value
-    variance = np.einsum('ki,kij,kj->k', factors.row, covariance[factors.edge], factors.row)
-    return off, variance + factors.sigma**2, factors.spread
 
 
 def unit_variance(misses: FloatArray) -> float:
