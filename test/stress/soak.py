@@ -258,7 +258,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--pairs', type=int, default=10000)
     parser.add_argument('--seed', type=int, default=0)
-    parser.add_argument('--domain', type=int, default=101, help='DDS domain (tests use 1 to 100)')
+    parser.add_argument('--domain', type=int, default=120, help='DDS domain (tests use 1 to 110)')
     parser.add_argument('--only', nargs='+', choices=tuple(NODES), default=tuple(NODES), help='these nodes')
     parser.add_argument(
         '--cost', type=float, default=NODES_COST_MS, help='allowed beyond recovery, matching and a bare node, p50 (ms)'

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, overload
@@ -13,6 +12,7 @@ import numpy as np
 from msgs_py import CameraRig, FeatureSet, PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.steps import CompileStep, run_all
+from msgs_py.numeric.threads import together
 from msgs_py.numeric.typed import AnyArray, Float32Array
 
 from .cameras.pairs import CameraPair, camera_pair, main_pairs
@@ -283,10 +283,10 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     late = watch.late_after(CURVES_SHARE, 'curves: arcs that were not looked at')
     if strips is not None:
         strips.rows = rows
-    with ThreadPoolExecutor(1) as meanwhile:
-        waiting = meanwhile.submit(_all_shown, seen, rows.sigma, further, rig, strips)
-        shapes = recover_curved_shapes(matches, segments, ellipses, stereo_edgels, late)
-        views, shown = waiting.result()
+    shapes, (views, shown) = together(
+        lambda: recover_curved_shapes(matches, segments, ellipses, stereo_edgels, late),
+        lambda: _all_shown(seen, rows.sigma, further, rig, strips),
+    )
     watch.stage('curves')
     late = watch.late_after(EDGES_SHARE, 'edges: parallel groups')
     beside = Beside(rig, rows.sigma, shapes.reported, strips, views, late)

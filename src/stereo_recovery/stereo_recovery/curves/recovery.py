@@ -7,9 +7,10 @@ image conics lie on the edgels: six parameters of a circle, eight of an ellipse,
 from __future__ import annotations
 
 from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+
+from msgs_py.numeric.threads import spread
 
 from ..detection.conics import Ellipse
 from ..detection.segments import Segments
@@ -57,18 +58,17 @@ def recover_curves(
     found: list[Curve] = []
     vague: list[tuple[Curve, ArcPair]] = []
     pairs = arc_pairs(matches, segments, ellipses)
-    with ThreadPoolExecutor(2) as both:
-        while pairs and not late():
-            # Two at once; what the first explains, the second one need not.
-            pairs = [pair for pair in pairs if not _is_explained(pair, found)]
-            two, pairs = pairs[:2], pairs[2:]
-            for pair, curve in zip(two, both.map(_free_curve, two, [edgels] * 2)):
-                if curve is None or not _is_clear(curve, pair) or _is_explained(pair, found):
-                    continue
-                if is_determined(curve):
-                    found.append(curve)
-                else:
-                    vague.append((curve, pair))
+    while pairs and not late():
+        # Two at once; what the first explains, the second one need not.
+        pairs = [pair for pair in pairs if not _is_explained(pair, found)]
+        two, pairs = pairs[:2], pairs[2:]
+        for pair, curve in zip(two, spread(lambda pair: _free_curve(pair, edgels), two)):
+            if curve is None or not _is_clear(curve, pair) or _is_explained(pair, found):
+                continue
+            if is_determined(curve):
+                found.append(curve)
+            else:
+                vague.append((curve, pair))
     known = [curve for curve in found if curve.tilt < settings.AXIS_TILT]
     found = [refitted_on_axes(curve, known, edgels) for curve in found]
     for curve, pair in vague:

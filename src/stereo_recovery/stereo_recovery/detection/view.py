@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
+from msgs_py.numeric.threads import spread
 from msgs_py.numeric.typed import Float32Array
 
 from .border import beside_border
@@ -93,9 +93,8 @@ def detect_view(grey: Float32Array, detector: str, sigma: float, low: float, hig
 
 
 def detect_views(greys: Sequence[Float32Array], detector: str, sigma: float, low: float, high: float) -> list[View]:
-    """:func:`detect_view` of images (h, w), two at once, in two threads."""
-    with ThreadPoolExecutor(2) as both:
-        return list(both.map(lambda grey: detect_view(grey, detector, sigma, low, high), greys))
+    """:func:`detect_view` of images (h, w), several at once."""
+    return spread(lambda grey: detect_view(grey, detector, sigma, low, high), greys)
 
 
 def _halved(grey: Float32Array) -> Float32Array:

@@ -9,12 +9,12 @@ nothing is said. The rows in which a strip is found again are what its rows diff
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from msgs_py.numeric.threads import spread
 from msgs_py.numeric.typed import AnyArray, Float32Array, FloatArray, IntArray
 
 from ..detection.segments import Segments
@@ -132,10 +132,7 @@ class AlignedStrips:
             self._told_by[k, fresh], self._value[k, fresh] = found[:2]
             self._covariance[k, fresh] = STRIP_CORRELATION * found[2]
 
-        with ThreadPoolExecutor(1) as beside:
-            first = beside.submit(side, 0)
-            side(1)
-            first.result()
+        spread(side, (0, 1))
         self._asked[fresh] = True
 
 

@@ -14,12 +14,12 @@ S. Pollard, J. Mayhew, J. Frisby, "PMF: a stereo correspondence algorithm using 
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from msgs_py.numeric.threads import together
 from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
 
 from ..detection.junctions import find_junctions
@@ -142,10 +142,8 @@ def match(
         return _matches(first), None
     exposure, dense = learnt_exposure(profiles, node[first.chosen]), None
     if (np.minimum(first.belief, 1.0 - first.belief) > SETTLED).any():
-        with ThreadPoolExecutor(1) as beside:
-            waiting = beside.submit(DenseDisparity, *greys, *_range(value[first.chosen], window))
-            own = odds(exposure, game)
-            dense = waiting.result()
+        disparities = _range(value[first.chosen], window)
+        own, dense = together(lambda: odds(exposure, game), lambda: DenseDisparity(*greys, *disparities))
         own += dense.log_ratio(node, value, left)
     else:
         own = odds(exposure, game)
