@@ -41,8 +41,8 @@ from .settings import (
 
 # A place or a vector in an image, pixels.
 Pair: TypeAlias = tuple[float, float]
-# Disparities that are tried for one pair: of a level one by both ends, by the first and by the last.
-CHOICES = 3
+# Disparities that are tried for one pair: of a level one by both ends, by the first, by the last, and by its rows.
+CHOICES = 4
 
 
 class SegmentTable(NamedTuple):
@@ -284,16 +284,18 @@ def candidates(
             first_row, last_row = max(top, min(q[0, 1], q[1, 1])), min(bottom, max(q[0, 1], q[1, 1]))
             if level and (tu * ru < 0.0 or abs(tv - rv) > 2.0 * LEVEL):
                 continue
-            if not level:
-                shorter = min(bottom - top, abs(q[1, 1] - q[0, 1]))
-                if last_row - first_row < max(min(LEAST_COMMON_ROWS, 0.5 * shorter), LEAST_COMMON_SHARE * shorter):
-                    continue
-            for choice in range(CHOICES if level else 1):
-                if level:
+            shorter = min(bottom - top, abs(q[1, 1] - q[0, 1]))
+            common = last_row - first_row
+            # A level pair whose rows tell its disparity is one by them, too, wherever its ends are.
+            by_rows = tv * rv > 0.0 and common >= SAME_ROW if level else common >= min(LEAST_COMMON_ROWS, 0.5 * shorter)
+            by_rows = by_rows and common >= LEAST_COMMON_SHARE * shorter
+            for choice in range(0 if level else CHOICES - 1, CHOICES if by_rows else CHOICES - 1):
+                if choice < CHOICES - 1:
                     ratio = _level_pair(p, q, choice, disparity)
                     gradient = (disparity[0] - disparity[1]) / max(abs(p[1, 0] - p[0, 0]), 1e-9)
-                    first_row, last_row = top, bottom
+                    rows = top, bottom
                 else:
+                    rows = first_row, last_row
                     slope, right_slope = tu / tv, ru / rv
                     gradient = abs(slope - right_slope) / np.sqrt(1.0 + 0.25 * (slope + right_slope) ** 2)
                     for e in range(2):
@@ -303,8 +305,8 @@ def candidates(
                 if ratio == -np.inf or gradient > STEEPEST or middle < lowest or middle > highest:
                     continue
                 # Chance covers the edge once with so much of a pair.
-                share = (last_row - first_row + 1.0) / (bottom - top + 1.0)
-                chances[i] += 1.0 / CHOICES if level else min(1.0, share)
+                share = (rows[1] - rows[0] + 1.0) / (bottom - top + 1.0)
+                chances[i] += min(1.0, share) / (CHOICES if level else 1)
                 # Directions that agree, against directions at random.
                 ratio += np.log(4.0 / (np.pi * SLANT_SCALE * (1.0 + (gradient / SLANT_SCALE) ** 2)))
                 if count == len(node):
@@ -312,14 +314,14 @@ def candidates(
                     value = np.concatenate((value, np.empty_like(value)))
                     compared = np.concatenate((compared, np.empty_like(compared)))
                     reversed_ = np.concatenate((reversed_, np.empty_like(reversed_)))
-                samples = (0, PROFILE_SAMPLES) if level else _common_samples(p, first_row, last_row)
+                samples = (0, PROFILE_SAMPLES) if choice < CHOICES - 1 else _common_samples(p, rows[0], rows[1])
                 compared[count, 0], compared[count, 1], reversed_[count] = samples[0], samples[1], reverse
                 node[count, 0], node[count, 1] = i, j
                 value[count, 0], value[count, 1], value[count, 2] = disparity[0], middle, disparity[1]
-                value[count, 3], value[count, 4], value[count, 5] = first_row, last_row, ratio
+                value[count, 3], value[count, 4], value[count, 5] = rows[0], rows[1], ratio
                 per_row = 0.0 if level else (disparity[1] - disparity[0]) / (p[1, 1] - p[0, 1])
-                value[count, 6] = disparity[0] + per_row * (first_row - p[0, 1])
-                value[count, 7] = disparity[0] + per_row * (last_row - p[0, 1])
+                value[count, 6] = disparity[0] + per_row * (rows[0] - p[0, 1])
+                value[count, 7] = disparity[0] + per_row * (rows[1] - p[0, 1])
                 count += 1
     return Candidates(node[:count], value[:count], compared[:count], reversed_[:count], chances)
 
