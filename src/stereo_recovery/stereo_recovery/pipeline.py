@@ -83,13 +83,13 @@ class Recovery:
     """
 
     features: FeatureSet
-    edgels: tuple[Edgels, Edgels]
+    edgels: tuple[Edgels, Edgels] = field(repr=False)
     reason: str = ''
     milliseconds: dict[str, float] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
     curves: tuple[Curve, ...] = ()
     left_out: tuple[str, ...] = ()
-    rows: PairRows | None = None
+    rows: PairRows | None = field(default=None, repr=False)
 
     @cached_property
     def rig_error(self) -> RigError | None:

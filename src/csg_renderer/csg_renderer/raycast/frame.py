@@ -188,16 +188,16 @@ class Frame:
         Pixels that no light reaches are black, and their truth is that of background.
     """
 
-    image: np.ndarray
-    depth: np.ndarray
-    primitive_id: np.ndarray
-    face_id: np.ndarray
-    object_id: np.ndarray
-    normal: np.ndarray
+    image: np.ndarray = field(repr=False)
+    depth: np.ndarray = field(repr=False)
+    primitive_id: np.ndarray = field(repr=False)
+    face_id: np.ndarray = field(repr=False)
+    object_id: np.ndarray = field(repr=False)
+    normal: np.ndarray = field(repr=False)
     camera: PinholeCamera
     camera_T_scene: Pose = field(default_factory=Pose)
     stats: RenderStats = field(default_factory=RenderStats)
-    radiance: np.ndarray | None = None
+    radiance: np.ndarray | None = field(default=None, repr=False)
     lens: LensDistortion | None = None
 
     @property

@@ -77,8 +77,8 @@ class Presence:
 
     log_ratio: float
     support: float
-    sight: Sight
-    found: Int8Array
+    sight: Sight = field(repr=False)
+    found: Int8Array = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,8 +107,8 @@ class ImagePose:
     pose: Pose
     covariance: FloatArray
     presence: Presence
-    residual: FloatArray = field(default_factory=lambda: np.zeros(0))
-    weight: FloatArray = field(default_factory=lambda: np.zeros(0))
+    residual: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
+    weight: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
     error: ModelError = NO_ERROR
     reason: str | None = None
 
