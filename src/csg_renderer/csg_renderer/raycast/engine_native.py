@@ -23,6 +23,7 @@ from .kernels.packets import BOUNDS, MEETING_PARTS, PACKETS
 from .kernels.raw_image import render_raw_rows, smooth_raw_rows
 from .kernels.records import (
     CameraData,
+    Differences,
     Faces,
     Meeting,
     Packets,
@@ -36,13 +37,14 @@ from .kernels.records import (
 from .kernels.rows import STRIDE, SUBTRACTED, SUBTRACTED_PARTS
 from .kernels.samples import mark_rows, smooth_rows
 from .kernels.secondary_rays import BATCH_PARTS, RAY_PARTS
+from .kernels.sparse import smooth_tiles
 from .kernels.surface_rays import SURFACE_BATCH_PARTS, SURFACE_RAY_PARTS
 from .kernels.tree import LEAF_STEP
 from .programs.program import Program, View, program_of, view_of
 from .raw_view import box_samples, crow_samples, raw_view
 from .settings import CROW_OFFSETS, CROW_WEIGHTS, LEAST_ROWS_PER_THREAD, PARTS_PER_THREAD
 from .stop import Stop
-from .view_data import plan_of, view_data
+from .view_data import differences, plan_of, view_data
 
 _flattened: WeakKeyDictionary[Program, FlatProgram] = WeakKeyDictionary()
 
@@ -70,8 +72,10 @@ def render_views(
         jobs[0].begin()
     _each_thread(threads, _Queue(jobs, threads).work)
     for job in jobs:
-        if options.adaptive or job.sparse:
-            # Colours decide where samples are taken; so all is decided before the first of them changes.
+        if job.sparse:
+            _each_thread(threads, partial(job.refine, threads))
+        if options.adaptive:
+            # Colours are not changed before all is decided.
             _each_thread(threads, partial(job.mark, threads))
             _each_thread(threads, partial(job.smooth, threads))
     stop.check()
@@ -90,6 +94,7 @@ class _Job:
     target: Target
     camera_data: CameraData
     plan: Plan
+    differences: Differences
     raw: RawRays
 
     def __init__(self, flat: FlatProgram, seen: ViewPose, options: RenderOptions, threads: int, stop: Stop) -> None:
@@ -107,7 +112,7 @@ class _Job:
     def begin(self) -> None:
         """What takes long of getting ready and leaves other threads alone: clearing the frame, and the spans."""
         self.frame, self.target = new_frame(
-            self.camera, self.camera_T_scene, self.flat.program.background, self.options.radiance
+            self.camera, self.camera_T_scene, self.flat.program.background, self.options.radiance, self.sparse
         )
         culled = self.camera
         if self.lens is not None:
@@ -116,8 +121,10 @@ class _Job:
             self.raw, culled = view.rays, view.ideal
         self.camera_data, self.plan = plan_of(self.flat, self.view, self.view_data, culled, self.options)
         if self.sparse:
-            self.plan = self.plan._replace(box=0)
-        if self.sparse or self.options.adaptive:
+            self.differences = differences(self.flat, self.view, self.view_data, culled, self.camera_T_scene)
+        elif self.options.sparse:
+            self.plan = self.plan._replace(box=self.options.box)
+        if self.options.adaptive:
             self.marks = np.zeros((self.camera.height, self.camera.width), dtype=np.uint8)
 
     def tiles(self, thread: int, part: int, parts: int) -> None:
@@ -150,9 +157,22 @@ class _Job:
         return self.flat.csg, self.camera_data, self.flat.materials, self.plan, self.target, self.works[thread]
 
     def mark(self, threads: int, thread: int) -> None:
-        """One thread's rows: which pixels are anti-aliased; all tiles must be done."""
+        """One thread's rows: where faces meet; all tiles must be done."""
         if self.lens is None:
-            mark_rows((thread, threads), not self.sparse, *self._taken(thread), self.marks)
+            mark_rows((thread, threads), self.target, self.marks)
+
+    def refine(self, threads: int, thread: int) -> None:
+        """One thread's tiles: all samples where they differ; all tiles must be done."""
+        smooth_tiles(
+            (thread, threads),
+            self.flat.csg,
+            self.camera_data,
+            self.differences,
+            self.flat.materials,
+            self.plan,
+            self.target._replace(radiance=self.target.radiance.reshape(self.camera.height, -1)),
+            self.works[thread],
+        )
 
     def smooth(self, threads: int, thread: int) -> None:
         """One thread's rows, anti-aliased where that is marked; all must be."""
@@ -160,10 +180,7 @@ class _Job:
         if self.lens is not None:
             smooth_raw_rows((thread, threads), crow_samples(), *self._taken(thread), tracing, flat.terrains, self.raw)
             return
-        n = self.options.box
-        grid = (
-            ((np.arange(n) + 0.5) / n - 0.5, np.full((n, n), n**-2.0)) if n else (np.array(CROW_OFFSETS), CROW_WEIGHTS)
-        )
+        grid = np.array(CROW_OFFSETS), CROW_WEIGHTS
         smooth_rows((thread, threads), grid, *self._taken(thread), tracing, flat.terrains, self.marks)
 
 

@@ -22,19 +22,27 @@ PIXEL_BYTES = WORD_BYTES + 3
 
 
 def new_frame(
-    camera: PinholeCamera, camera_T_scene: Pose, background: FloatArray, with_radiance: bool = False
+    camera: PinholeCamera,
+    camera_T_scene: Pose,
+    background: FloatArray,
+    with_radiance: bool = False,
+    own_radiance: bool = False,
 ) -> tuple[Frame, Target]:
-    """A frame that shows nothing but background, and its arrays; all but radiance lie in one piece of memory."""
+    """A frame that shows nothing but background, and its arrays; all but its radiance lie in one piece of memory.
+
+    own_radiance : the target has room for radiance, not filled, that the frame does not show
+    """
     h, w = camera.height, camera.width
     n = h * w
-    memory = _memory(PIXEL_BYTES * n + 3)
+    hidden = 12 * n if own_radiance else 0
+    memory = _memory(PIXEL_BYTES * n + 3 + hidden)
     # All bits set are -1 as an integer and NaN as a float: one fill at the speed of memory for ids, depth and normals.
     memory[: WORD_BYTES * n].fill(0xFF)
     words = memory[: WORD_BYTES * n].view(np.int32)
     ids = [words[k * n : (k + 1) * n].reshape(h, w) for k in range(3)]
     depth = words[3 * n : 4 * n].view(np.float32).reshape(h, w)
     normal = words[4 * n : 7 * n].view(np.float32).reshape(h, w, 3)
-    image = memory[WORD_BYTES * n : PIXEL_BYTES * n].reshape(h, w, 3)
+    image = memory[WORD_BYTES * n + hidden : PIXEL_BYTES * n + hidden].reshape(h, w, 3)
     image[0] = quantise(background)
     image[1:] = image[0]
     frame = Frame(image, depth, ids[0], ids[1], ids[2], normal, camera, camera_T_scene)
@@ -42,6 +50,8 @@ def new_frame(
     if with_radiance:
         radiance[:] = np.clip(background, 0.0, 1.0)
         frame.radiance = radiance
+    elif own_radiance:
+        radiance = memory[WORD_BYTES * n : WORD_BYTES * n + hidden].view(np.float32).reshape(h, w, 3)
     return frame, Target(image, depth, ids[0], ids[1], ids[2], normal, radiance)
 
 

@@ -99,17 +99,16 @@ AMBIGUOUS = 1.0 / 1024.0
 
 # -- anti-aliasing ----------------------------------------------------------------------------------------------------
 
-# The samples of a pixel are taken as its centre where they cannot differ (kernels/differences.py). A primitive that is
+# The samples of a pixel are taken as its centre where they cannot differ (kernels/differences.py). An outline that is
 # this many pixels behind what is seen, along the ray, is hidden all over the pixel: surfaces may be as steep as one in
 # so many.
 HIDDEN_GAP_PIXELS = 8.0
-# The most that the mean colour of two opposite corners of a pixel differs from its centre's, of 1, where the centre
-# stands for all samples: a grey level. With half a level for the rounding of the centre, the mean of all samples is off
-# by a third of that, half a grey level.
-MOST_CURVED = 1.0 / 255.0
-# A ball whose radius is this many pixels for each of n samples across a pixel is met by none of them when the corners
-# do not meet it. 1 / 4 by the height of a segment; twice that for its picture, which is an ellipse.
-ROUND_PIXELS = 0.5
+# The most by which the mean colour of samples differs from what stands for them, of 1: half a grey level.
+MOST_CURVED = 0.5 / 255.0
+# The least sigma of a highlight that centres of pixels do not miss, pixels: half-way between them e^-1.5 of it is left.
+NARROWEST = 0.4
+# Corners of the polygon in place of a circle in an outline: as many as leave it within so many pixels, between these.
+LEAST_CORNERS, MOST_CORNERS, ROUND_ERROR = 12, 128, 0.05
 # Weights of the nine samples of a pixel where faces meet, and their places in the pixel, pixels (thesis 4.6, after
 # Crow 1981).
 CROW_WEIGHTS: FloatArray = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 16.0

@@ -12,10 +12,10 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 from .flatten import FlatProgram, whole_numbers
 from .frame import RenderOptions
 from .kernels.image import product_spans
-from .kernels.records import CameraData, Plan
-from .programs.program import DIFFERENCE, INTERSECT, PLANE, SPHERE, Program, View
-from .settings import LEAST_CLIP_DEPTH, LONGEST_ROW, PARALLEL, ROUND_PIXELS
-from .tiling import leaf_spans
+from .kernels.records import CameraData, Differences, Plan
+from .programs.program import CONE, CYLINDER, DIFFERENCE, INTERSECT, SPHERE, Program, View
+from .settings import LEAST_CLIP_DEPTH, LONGEST_ROW, NARROWEST, PARALLEL, ROUND_ERROR
+from .tiling import edge_lines, leaf_spans
 
 
 class ViewData(NamedTuple):
@@ -95,9 +95,8 @@ def plan_of(
         band = np.empty((products, bands, 2), dtype=np.int32)
         product_spans(chosen, csg, leaf_span, leaf_depth, size, span, band, near)
         chosen = chosen[np.argsort(near[chosen], kind='stable')]
-    thin = _thin_leaves(view, data, camera, options) if options.sparse else np.zeros(0, dtype=bool)
     camera_data = CameraData(
-        view.local, data.origin, data.limit, data.sphere, leaf_span, near, data.listed, chosen, leaf_depth, thin
+        view.local, data.origin, data.limit, data.sphere, leaf_span, near, data.listed, chosen, leaf_depth
     )
     plan = Plan(
         (np.arange(w, dtype=np.float64) - camera.cx) / camera.fx,
@@ -110,25 +109,57 @@ def plan_of(
         band,
         size,
         whole,
+        0 if options.sparse else options.box,
         options.box,
     )
     return camera_data, plan
 
 
-def _thin_leaves(view: View, data: ViewData, camera: PinholeCamera, options: RenderOptions) -> BoolArray:
-    """(n,): see CameraData.
-
-    Of what is round and has no corners little comes in between two corners of a pixel: over a chord of one pixel a
-    circle of radius r rises by 1 / (8 r) pixels, and the samples are 1 / (2 n) pixels within. A half-space comes in
-    with a straight edge.
-    """
-    kind = view.program.kind
-    # The least half axis of an ellipsoid, metres; it has no sharper curve in the image than a ball of that size.
-    least = 1.0 / np.linalg.norm(view.local[:, :, :3], ord=2, axis=(1, 2)) if len(kind) else np.zeros(0)
-    farthest = data.sphere[:, 2] + np.sqrt(data.sphere[:, 3])
-    small = least * min(camera.fx, camera.fy) < ROUND_PIXELS * options.box * farthest
-    thin: BoolArray = (kind != PLANE) & ((kind != SPHERE) | small)
-    return thin
+def differences(
+    flat: FlatProgram, view: View, data: ViewData, camera: PinholeCamera, camera_T_scene: Pose
+) -> Differences:
+    """What tells where samples of a pixel may differ."""
+    program, materials = flat.program, flat.materials
+    n = len(program.kind)
+    unit_T_camera = np.zeros((n, 4, 4))
+    unit_T_camera[:, :3], unit_T_camera[:, 3, 3] = view.local, 1.0
+    bounds, start = np.empty((n, 4)), np.empty(n + 1, dtype=np.int64)
+    lines = edge_lines(
+        program.kind,
+        np.ascontiguousarray(np.linalg.inv(unit_T_camera)[:, :3]),
+        data.origin,
+        view.departure or LEAST_CLIP_DEPTH,
+        camera.fx,
+        camera.fy,
+        camera.cx,
+        camera.cy,
+        bounds,
+        start,
+    )
+    round_ = (program.kind == CYLINDER) | (program.kind == CONE) | (program.kind == SPHERE)
+    children = flat.csg.child_of
+    bent = np.zeros(len(program.children), dtype=bool)
+    np.logical_or.at(bent, children, round_)
+    _, diffuse, specular, shininess = materials.coefficients[:, :4].T
+    light = materials.light_colours.sum(axis=0).max(initial=0.0)
+    products = flat.child_products[children] if n else np.zeros((0, 2), dtype=np.int64)
+    products[np.isin(children, data.listed)] = 0
+    # The mirrored ray turns twice as fast as the normal; a highlight's sigma is 1 / sqrt(shininess).
+    turn = 0.5 / (NARROWEST * np.sqrt(np.maximum(shininess, 1.0)))
+    narrow = np.where(round_ & (specular > 0.0), turn**2, np.inf)
+    return Differences(
+        lines,
+        start,
+        bounds,
+        (view.local[:, :, :3] ** 2).sum(axis=(1, 2)),
+        # cos^s falls by no more than sqrt(s / e) a radian.
+        light * (diffuse + specular * np.sqrt(np.maximum(shininess, 1.0) / np.e)),
+        narrow,
+        products,
+        np.where(round_, ROUND_ERROR, 0.0),
+        camera_T_scene.apply(materials.lights),
+        bent[children] if n else np.zeros(0, dtype=bool),
+    )
 
 
 def _children_containing(program: Program, origin: FloatArray) -> list[bool]:

@@ -1,135 +1,228 @@
 """Compiled search for the pixels in which samples may differ: all others are what their centre is.
 
-The samples of a pixel lie between its four corners. Where the rays through these see the face that its centre sees,
-another can only be seen between them if a primitive comes into the pixel in front of that face or cuts it there.
-Primitives are convex: one that all four rays meet is met everywhere between them. So a pixel is marked when
+Where two faces meet in a pixel, a line passes through it that has the centre of one of the four pixels beside it, or
+its own, on its other side. So samples may differ where
 
-* a corner sees another face than the centre; or
-* some primitive, in front of what is seen or at it, is met at some of the corners and not at others, or lies in front
-  of what is seen at some and behind it at others; or
-* a primitive that no corner meets may touch the pixel (its outline says so), nearer than what is seen; or
-* the colour is so curved that the mean of the samples is not the centre's.
+* the pixel beside, above or below shows another face; or
+* an edge of a primitive passes among the samples, no deeper than what is seen; or
+* the colour is bent, or a highlight may be narrower than a pixel.
 
-The last follows from the second order of the colour f in a pixel: the mean of n x n samples is
-f + (f_xx + f_yy) (1 - 1 / n^2) / 24, and the mean of two opposite corners f + (f_xx + f_yy +- 2 f_xy) / 8. What is left
-out are folds between two removed primitives and bumps of curved ones that are smaller than a pixel.
+Of the first two kinds the rays through four places near the corners are asked what they see. When it is what the centre
+sees, a face between them can only be a tip or thin: an edge ends in the pixel, or passes beside another. So where one
+passes, and where the shade changes much across the pixel, it takes all samples too.
+
+The mean of n x n samples is f + (f_xx + f_yy) (1 - 1 / n^2) / 24 to second order of the colour f in a pixel. What is
+left out are bumps and folds where surfaces intersect that are smaller than a pixel.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from ..programs.program import TERRAIN
+from ..programs.program import BLOCK, CONE, CYLINDER, SPHERE
 from ..settings import HIDDEN_GAP_PIXELS, MOST_CURVED
-from .rows import BLUE, DEPTH, GREEN, HIT, LEAF_IN, LEAF_OUT, RED, kernel, leaf_row
-from .tree import FACE_STEP, LEAF_STEP, NOTHING
+from .rows import kernel
+from .tree import LEAF_STEP
 
-ZERO, ONE = np.uint64(0), np.uint64(1)
-# Corners of a patch of pixels, of which there are one less each way.
-PATCH_ROWS, PATCH_COLUMNS = 32, 64
-ACROSS = np.uint64(PATCH_COLUMNS)
-# How a primitive lies to what is seen: not met, behind it, at it, about it, ending at it, or all in front of it.
-MISSED, BEHIND, HERE, ABOUT, ENDING, BEFORE = range(6)
+INF = math.inf
+ONE, THREE = np.uint64(1), np.uint64(3)
+# What is known of a pixel: its centre stands for all samples; corners are to be asked; it takes all samples.
+SAME, DOUBT, ALL = range(3)
+# Several of the pixels beside it show another face.
+SEVERAL = 3
+# Bends of less than this many times MOST_CURVED move the mean of a pixel by less than it: a kink in the middle by an
+# eighth of the change of slope, a curve by a twenty-fourth of its second derivatives. A shade that changes by less than
+# twice as much in all is taken in the middle of what is seen of its face: most of it does not bend.
+BENT, STEADY = 8.0 * MOST_CURVED, 16.0 * MOST_CURVED
 
 
 @kernel
-def mark_by_leaves(s, patch, area, csg, camera, plan, marks):
-    """Mark pixels into which a leaf may come, or in which it may begin to matter.
+def corner(samples, bent):
+    """How far from the centre of a pixel its corners are asked, along each axis, pixels.
 
-    s : row scratch of rows.py, with X of the corners; patch : Patch; area : top, bottom, left, right
+    At the outermost samples; of what may be round close to the border, between which a circle of a few pixels rises by
+    less than it takes to reach the samples.
     """
-    top, bottom, left, right = area
-    for leaf in range(csg.kind.shape[0]):
-        if csg.kind[leaf] == TERRAIN:
-            continue
-        first, last, begin, end = right, left - 1, bottom, top - 1
-        for row in range(top, bottom):
-            a, b = max(camera.span[leaf, row, 0], left), min(camera.span[leaf, row, 1], right - 1)
-            if a <= b:
-                first, last = min(first, a), max(last, b)
-                begin, end = min(begin, row), row
-        if end < begin:
-            continue
-        # Corners beyond those of the pixels that it touches: it is not met there.
-        j0, j1 = np.uint64(first - left), np.uint64(last - left + 2)
-        for row in range(begin, end + 2):
-            states_at(s, patch, row - top, row, leaf, (j0, j1), csg, camera, plan)
-            if row > begin:
-                mark_between(patch, row - 1 - top, row - 1, leaf, (j0, j1), left, camera, plan, marks)
+    return 0.5 - (0.125 if bent else 0.5) / samples
 
 
 @kernel
-def states_at(s, patch, i, row, leaf, columns, csg, camera, plan):
-    """How a leaf lies to what is seen at the i-th corners of a patch, those above an image row."""
-    y = (row - 0.5) * plan.dy + plan.ys[0]
-    j0, j1 = columns
-    leaf_row(s, j0, j1, csg.kind[leaf], leaf, camera.local, camera.origin, camera.limit, y)
-    state, depth = patch.state, patch.depth
-    place, here = np.uint64(i) * ACROSS, np.uint64(i % 2) * ACROSS
-    gap, tolerance = 1.0 + HIDDEN_GAP_PIXELS * plan.dx, 2.0 * plan.tolerance
-    for j in range(j0, j1):
-        near, far, seen = s[LEAF_IN + j], s[LEAF_OUT + j], depth[place + j]
-        met = (far - near > tolerance) & (far > tolerance)
-        front = BEFORE if far < seen - tolerance else ENDING if far <= seen + tolerance else ABOUT
-        behind = BEHIND if near > seen * gap else HERE
-        state[here + j] = (front if near < seen - tolerance else behind) if met else MISSED
+def flag_tile(tile, csg, edges, plan, target, cells):
+    """What is known of the pixels of a tile (top, bottom, left, right), into cells.flag.
 
-
-@kernel
-def mark_between(patch, i, row, leaf, columns, left, camera, plan, marks):
-    """Mark the pixels of a row between corners that a leaf lies to in different ways, or between which it may be."""
-    state, flags, depth = patch.state, patch.flags, patch.depth
-    up, down = np.uint64(i % 2) * ACROSS, np.uint64((i + 1) % 2) * ACROSS
-    place = np.uint64(i) * ACROSS
-    thin, near, gap = np.int32(camera.thin[leaf]), camera.least[leaf], 1.0 + HIDDEN_GAP_PIXELS * plan.dx
-    first, last = camera.span[leaf, row, 0] - left, camera.span[leaf, row, 1] - left
-    for j in range(columns[0], columns[1] - ONE):
-        a, b, c, d = state[up + j], state[up + j + ONE], state[down + j], state[down + j + ONE]
-        most, least = max(max(a, b), max(c, d)), min(min(a, b), min(c, d))
-        changes = max(most, BEHIND) != max(least, BEHIND)
-        unseen = (thin > 0) & (most == MISSED) & (near <= depth[place + j] * gap)
-        flags[j] = 1 if changes | unseen else 0
-    for j in range(max(np.int64(columns[0]), first), min(np.int64(columns[1]) - 1, last + 1)):
-        if flags[j] > 0:
-            marks[row, left + j] = 1
-
-
-@kernel
-def mark_by_sight(patch, area, target, marks):
-    """Mark pixels whose corners see another face than their centres, or where the colour is curved too much."""
-    top, bottom, left, right = area
-    codes, flags, colours = patch.codes, patch.flags, patch.colours
+    edges : Differences; cells : Cells
+    """
+    top, bottom, left, right = tile
     for row in range(top, bottom):
-        above = np.uint64(row - top) * ACROSS
-        below = above + ACROSS
-        for k in range(right - left):
-            j = np.uint64(k)
-            code = target.primitive[row, left + k] * LEAF_STEP + FACE_STEP * target.face[row, left + k]
-            seen = code if code >= 0.0 else 2.0 * NOTHING
-            a, b, c, d = codes[above + j], codes[above + j + ONE], codes[below + j], codes[below + j + ONE]
-            flags[j] = 1 if (a != seen) | (b != seen) | (c != seen) | (d != seen) else 0
-        for channel in range(3):
-            for k in range(right - left):
-                j, seen = np.uint64(k), target.image[row, left + k, channel] / 255.0
-                a, b = colours[channel, above + j], colours[channel, above + j + ONE]
-                c, d = colours[channel, below + j], colours[channel, below + j + ONE]
-                one, other = 0.5 * (a + d) - seen, 0.5 * (b + c) - seen
-                flags[j] |= 1 if (abs(one) > MOST_CURVED) | (abs(other) > MOST_CURVED) else 0
-        for k in range(right - left):
-            if flags[k] > 0:
-                marks[row, left + k] = 1
+        flag_row(row, tile, edges, target, cells)
+    for leaf in range(csg.kind.shape[0]):
+        bounds = edges.bounds[leaf]
+        if bounds[0] < right and bounds[1] > left - 1.0 and bounds[2] < bottom and bounds[3] > top - 1.0:
+            for i in range(edges.start[leaf], edges.start[leaf + 1]):
+                follow_line(edges.lines[i], edges.error[leaf], edges.products[leaf], tile, plan, target, cells)
 
 
 @kernel
-def note_corners(s, patch, i):
-    """What the i-th row of corners of a patch sees, of work.row."""
-    place = np.uint64(i) * ACROSS
-    for j in range(ZERO, ACROSS):
-        patch.depth[place + j] = s[DEPTH + j]
-        # Without the mark of walls seen from inside.
-        patch.codes[place + j] = 2.0 * np.floor(0.5 * s[HIT + j])
-        patch.colours[0, place + j], patch.colours[1, place + j], patch.colours[2, place + j] = (
-            s[RED + j],
-            s[GREEN + j],
-            s[BLUE + j],
-        )
+def flag_row(row, tile, edges, target, cells):
+    """Flag the pixels of one row of a tile by what is seen there and beside it."""
+    top, _, left, right = tile
+    height, width = target.depth.shape
+    primitive, face, flag, bent = target.primitive, target.face, cells.flag, cells.bent
+    here, above, below = np.uint64(row), np.uint64(max(row - 1, 0)), np.uint64(min(row + 1, height - 1))
+    # At the border of the image there is nothing to compare with.
+    first, end = np.uint64(max(left, 1)), np.uint64(min(right, width - 1))
+    place = np.uint64((row - top) * (right - left))
+    from_left = np.uint64(left)
+    for k in range(place, place + np.uint64(right - left)):
+        flag[k] = DOUBT
+        cells.near[k] = 0.0
+    for k in range(first, end):
+        p, f = primitive[here, k], face[here, k]
+        others = 1 if ((primitive[here, k - ONE] ^ p) | (face[here, k - ONE] ^ f)) != 0 else 0
+        others += 1 if ((primitive[here, k + ONE] ^ p) | (face[here, k + ONE] ^ f)) != 0 else 0
+        others += 1 if ((primitive[above, k] ^ p) | (face[above, k] ^ f)) != 0 else 0
+        others += 1 if ((primitive[below, k] ^ p) | (face[below, k] ^ f)) != 0 else 0
+        flag[place + k - from_left] = SAME if others == 0 else DOUBT if others == 1 else SEVERAL
+    # Second differences of the three colours, one after another.
+    c = target.radiance
+    for k in range(THREE * first, THREE * end):
+        twice = 2.0 * c[here, k]
+        across, down = c[here, k - THREE] + c[here, k + THREE] - twice, c[above, k] + c[below, k] - twice
+        bent[k - THREE * from_left] = 1 if abs(across) + abs(down) > BENT else 0
+    for k in range(first, end):
+        p, j = primitive[here, k], place + k - from_left
+        if flag[j] == SEVERAL:
+            # Most of these have corners that differ, where those are close to the border.
+            flag[j] = ALL if bent_about(primitive, row, np.int64(k), edges) else DOUBT
+        if p < 0 or flag[j] != SAME:
+            continue
+        b = THREE * (k - from_left)
+        if bent[b] | bent[b + ONE] | bent[b + ONE + ONE]:
+            flag[j] = ALL
+        elif edges.bent[p] and (slants(primitive, face, row, k) or turns(target.normal, row, k) > edges.narrow[p]):
+            flag[j] = DOUBT
+
+
+@kernel
+def bent_about(primitive, row, column, edges):
+    """Whether what is seen in a pixel, or beside it, may end in a curve."""
+    height, width = primitive.shape
+    for side in range(5):
+        r = row + (side == 1) - (side == 2)
+        c = column + (side == 3) - (side == 4)
+        if 0 <= r < height and 0 <= c < width:
+            leaf = primitive[r, c]
+            if leaf >= 0 and edges.bent[leaf]:
+                return True
+    return False
+
+
+@kernel
+def slants(primitive, face, row, column):
+    """Whether a pixel beside one's corner shows another face: that may have a tip where surfaces intersect."""
+    height = primitive.shape[0]
+    p, f = primitive[row, column], face[row, column]
+    for r in range(max(row - 1, 0), min(row + 2, height)):
+        for c in (column - ONE, column + ONE):
+            if primitive[r, c] != p or face[r, c] != f:
+                return True
+    return False
+
+
+@kernel
+def turns(normal, row, column):
+    """Square of the most that normals differ from those of the pixels beside, radians."""
+    height = normal.shape[0]
+    above, below = max(row - 1, 0), min(row + 1, height - 1)
+    most = 0.0
+    for side in range(2):
+        first, last = 0.0, 0.0
+        for axis in range(3):
+            n = normal[row, column, axis]
+            before = normal[row, column - ONE, axis] if side == 0 else normal[above, column, axis]
+            behind = normal[row, column + ONE, axis] if side == 0 else normal[below, column, axis]
+            first += (before - n) ** 2
+            last += (behind - n) ** 2
+        most = max(most, first, last)
+    return most
+
+
+@kernel
+def follow_line(line, error, products, tile, plan, target, cells):
+    """Flag the pixels of a tile among whose samples a line passes, unless something hides it there.
+
+    products : the first of those that the line's leaf is part of, and behind the last; it matters where they are
+    """
+    top, bottom, left, right = tile
+    x0, y0, w0, x1, y1, w1 = line[0], line[1], line[2], line[3], line[4], line[5]
+    half = corner(plan.samples, False) + error
+    low, high, near, far = min(y0, y1), max(y0, y1), min(x0, x1), max(x0, x1)
+    if high < top - half or low > bottom - 1 + half or far < left - half or near > right - 1 + half:
+        return
+    gap = 1.0 + HIDDEN_GAP_PIXELS * plan.dx
+    dx, dy = x1 - x0, y1 - y0
+    for row in range(max(top, math.ceil(low - half)), min(bottom, math.floor(high + half) + 1)):
+        # The stretch of the line within the row.
+        a, b = (row - half - y0) / dy if dy != 0.0 else 0.0, (row + half - y0) / dy if dy != 0.0 else 1.0
+        a, b = max(0.0, min(1.0, a)), max(0.0, min(1.0, b))
+        xa, xb = x0 + a * dx, x0 + b * dx
+        closest = max(w0 + a * (w1 - w0), w0 + b * (w1 - w0))
+        begin = max(left, math.ceil(min(xa, xb) - half))
+        end = min(right, math.floor(max(xa, xb) + half) + 1)
+        if products[0] < products[1]:
+            low_column, high_column = right, left
+            for q in range(products[0], products[1]):
+                low_column, high_column = min(low_column, plan.span[q, row, 0]), max(high_column, plan.span[q, row, 1])
+            begin, end = max(begin, low_column), min(end, high_column + 1)
+        for column in range(begin, end):
+            # Depth is NaN in the background.
+            if closest * target.depth[row, column] * gap < 1.0:
+                continue
+            place = (row - top) * (right - left) + column - left
+            cells.flag[place] = max(cells.flag[place], DOUBT)
+            cells.near[place] = max(cells.near[place], closest)
+
+
+@kernel
+def changes(code, x, y, z, csg, camera, edges, plan):
+    """How much the shade of a face changes across a pixel at most, and its depth, of 1.
+
+    The face of the hit ``code`` is seen at depth z along the ray (x, y, 1). While the place on the surface moves by a
+    pixel, directions to the lights and to the camera turn, and so does the normal: by no more than the curvature of the
+    surface, which is at most that of the quadric's matrix over the length of its gradient.
+    """
+    leaf = int(code / LEAF_STEP)
+    face = int(code - leaf * LEAF_STEP) // 2
+    kind, m = csg.kind[leaf], camera.local
+    gx, gy, gz, bend = 0.0, 0.0, 0.0, 0.0
+    if kind == SPHERE or (kind == CYLINDER and face == 2) or (kind == CONE and face == 1):
+        gx = z * (m[leaf, 0, 0] * x + m[leaf, 0, 1] * y + m[leaf, 0, 2]) + m[leaf, 0, 3]
+        gy = z * (m[leaf, 1, 0] * x + m[leaf, 1, 1] * y + m[leaf, 1, 2]) + m[leaf, 1, 3]
+        gz = z * (m[leaf, 2, 0] * x + m[leaf, 2, 1] * y + m[leaf, 2, 2]) + m[leaf, 2, 3]
+        gz = 0.0 if kind == CYLINDER else -gz if kind == CONE else gz
+        bend = edges.bend[leaf]
+    elif kind == BLOCK and face < 2:
+        gx = 1.0
+    elif kind == BLOCK and face < 4:
+        gy = 1.0
+    else:
+        gz = 1.0
+    nx = m[leaf, 0, 0] * gx + m[leaf, 1, 0] * gy + m[leaf, 2, 0] * gz
+    ny = m[leaf, 0, 1] * gx + m[leaf, 1, 1] * gy + m[leaf, 2, 1] * gz
+    nz = m[leaf, 0, 2] * gx + m[leaf, 1, 2] * gy + m[leaf, 2, 2] * gz
+    square = nx * nx + ny * ny + nz * nz
+    facing, ray = abs(nx * x + ny * y + nz), x * x + y * y + 1.0
+    if facing == 0.0:
+        return INF, INF
+    # Metres on the surface that a pixel covers: depth times its angle, over the cosine between ray and normal.
+    moved = z * plan.dx * ray * math.sqrt(square) / facing
+    turn = plan.dx + 2.0 * moved * bend / math.sqrt(square)
+    near = INF
+    for light in range(edges.lights.shape[0]):
+        dx, dy, dz = edges.lights[light, 0] - z * x, edges.lights[light, 1] - z * y, edges.lights[light, 2] - z
+        near = min(near, dx * dx + dy * dy + dz * dz)
+    turn += moved / math.sqrt(near)
+    slope = moved / z * math.sqrt(max(0.0, 1.0 - facing * facing / (square * ray)))
+    return edges.strength[leaf] * turn, slope + 0.1 * plan.dx

@@ -78,7 +78,7 @@ def hit_row(work, m, run, y, offset, products, count, csg, camera, plan, terrain
                 continue
         first = run.first + low if offset >= 0 else run.first
         last = run.first + high - 1 if offset >= 0 else run.last
-        within = PixelRun(run.row, first, last)
+        within = PixelRun(run.row, first, last, run.bottom)
         product_row(s, j0, j1, q, within, y, plan.tolerance, csg, camera, plan.whole, work.counts)
         drawn = True
         ambiguous |= csg.ambiguity[q] > 0.0
@@ -266,6 +266,21 @@ def mean_row(work, m, run, left, products, count, csg, camera, materials, plan, 
 
 
 @kernel
+def products_in_tile(products, tile, camera, plan):
+    """The products that may be seen in a tile (top, bottom, left, right), front to back; how many."""
+    top, _, left, right = tile
+    b = top // plan.size
+    # A plain 0 would be a type of its own to begin with, for which hit_row would be compiled once more.
+    count = np.int64(0)
+    for i in range(camera.chosen.shape[0]):
+        q = camera.chosen[i]
+        if plan.whole or (plan.band[q, b, 0] < right and plan.band[q, b, 1] >= left):
+            products[count] = q
+            count += 1
+    return count
+
+
+@kernel
 def render_tiles(thread, threads, csg, camera, materials, plan, target, work, secondary, surfaces, terrains, object_of):
     """Render every threads-th tile, starting with number ``thread``; the target holds background.
 
@@ -278,16 +293,9 @@ def render_tiles(thread, threads, csg, camera, materials, plan, target, work, se
     products = work.products
     active = 0
     for tile in range(thread, across * down, threads):
-        b = tile // across
-        left, top = (tile % across) * plan.size, b * plan.size
+        left, top = (tile % across) * plan.size, (tile // across) * plan.size
         right, bottom = min(left + plan.size, width), min(top + plan.size, height)
-        # A plain 0 would be a type of its own to begin with, for which hit_row would be compiled once more.
-        count = np.int64(0)
-        for i in range(camera.chosen.shape[0]):
-            q = camera.chosen[i]
-            if plan.whole or (plan.band[q, b, 0] < right and plan.band[q, b, 1] >= left):
-                products[count] = q
-                count += 1
+        count = products_in_tile(products, (top, bottom, left, right), camera, plan)
         # Where nothing stands the surroundings may be seen.
         idle = count == 0 and camera.listed.shape[0] == 0 and surfaces is None
         if terrains is not None:  # noqa: SIM102
@@ -301,7 +309,7 @@ def render_tiles(thread, threads, csg, camera, materials, plan, target, work, se
             if work.counts[3] != 0:
                 return active
             y = plan.ys[row]
-            run = PixelRun(row, left, right - 1)
+            run = PixelRun(row, left, right - 1, row)
             for j in range(m):
                 s[X + np.uint64(j)] = plan.xs[left + j]
             hit_row(work, m, run, y, left, products, count, csg, camera, plan, terrains)

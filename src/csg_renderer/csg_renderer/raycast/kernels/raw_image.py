@@ -61,7 +61,7 @@ def shoot(x, y, csg, camera, materials, plan, work, tracing, terrains, raw, colo
     column = min(max(int(math.floor(raw.fx * x + raw.cx + 0.5)), 0), raw.width - 1)
     work.row[X] = x
     chosen = camera.chosen
-    run = PixelRun(row, column, column)
+    run = PixelRun(row, column, column, row)
     hit_row(work, ONE, run, y, SCATTERED, chosen, chosen.shape[0], csg, camera, plan, terrains)
     if coloured:
         lit_row(work, ONE, y, csg, materials, plan, tracing[0], tracing[1], terrains)

@@ -164,8 +164,6 @@ class CameraData(NamedTuple):
         Products to evaluate, front to back.
     least : (n,)
         Least depth of each leaf, metres.
-    thin : (n,) bool
-        Whether a leaf may be met by samples of a pixel whose corners do not meet it; empty where nobody asks.
     """
 
     local: FloatArray
@@ -177,7 +175,6 @@ class CameraData(NamedTuple):
     listed: IntArray
     chosen: IntArray
     least: FloatArray
-    thin: BoolArray
 
 
 class Plan(NamedTuple):
@@ -203,7 +200,9 @@ class Plan(NamedTuple):
     whole
         No tiling.
     box
-        See RenderOptions.
+        See RenderOptions; 0 where not every pixel takes all samples.
+    samples
+        Those of a pixel along a side, where it takes all.
     """
 
     xs: FloatArray
@@ -217,6 +216,7 @@ class Plan(NamedTuple):
     size: int
     whole: bool
     box: int
+    samples: int
 
 
 class RawRays(NamedTuple):
@@ -415,28 +415,91 @@ class SurfaceRayWorkspace(NamedTuple):
     surfaces: SurfaceData
 
 
-class Patch(NamedTuple):
-    """Scratch memory for what the rays through the corners of some pixels see (differences.py), row by row.
+class Differences(NamedTuple):
+    """What tells where samples of a pixel may differ (differences.py). n leaves, p corners, l lights.
 
     Attributes
     ----------
-    depth : (PATCH_ROWS * PATCH_COLUMNS,)
-        Metres, inf for background.
-    codes : (PATCH_ROWS * PATCH_COLUMNS,)
-        Hits as in tree.py, -2 for background.
-    colours : (3, PATCH_ROWS * PATCH_COLUMNS)
-        0..1.
-    state : (2 * PATCH_COLUMNS,)
-        How a leaf lies to what is seen, of two rows of corners.
-    flags : (PATCH_COLUMNS,)
-        Of the pixels of a row.
+    lines : (p, 6)
+        Edges of the leaves, of what is round its outline: pixels of both ends, each with one over its depth, per metre.
+    start : (n + 1,)
+        Into lines; a half-space has none.
+    bounds : (n, 4)
+        Least and greatest column and row of the lines of each leaf.
+    bend : (n,)
+        Square of the greatest stretch from the camera's frame to the unit frame, per square metre.
+    strength : (n,)
+        How much the shade changes while normal or lights turn, at most, 1 a radian.
+    narrow : (n,)
+        Square of the turn of normals from pixel to pixel beyond which a highlight is narrower than a pixel.
+    products : (n, 2)
+        The first of those of the child of each leaf, and behind the last; two equal ones where it is no union of them.
+    error : (n,)
+        How far the lines may be off the leaf's, pixels.
+    lights : (l, 3)
+        Metres, camera frame.
+    bent : (n,) bool
+        Whether curved leaves are in the same child.
     """
 
-    depth: FloatArray
+    lines: FloatArray
+    start: IntArray
+    bounds: FloatArray
+    bend: FloatArray
+    strength: FloatArray
+    narrow: FloatArray
+    products: IntArray
+    error: FloatArray
+    lights: FloatArray
+    bent: BoolArray
+
+
+class Cells(NamedTuple):
+    """Scratch memory for the pixels of a tile and their samples. t pixels; room for STRIDE samples.
+
+    Attributes
+    ----------
+    flag : (t,)
+        See differences.py.
+    bent : (3 c,)
+        Of a row of c columns and its colours, whether they bend.
+    near : (t,)
+        One over the depth of the nearest edge that passes among the samples, or 0.
+    doubtful, sampled : (t,)
+        Pixels whose corners are asked, and those that take all samples: their places in the tile.
+    order : (STRIDE,)
+        Of points that are shaded, brought together face by face, which each is.
+    pixel, group, weight : (STRIDE,)
+        Of each point: which of the pixels at hand it belongs to, the group of its face, and its share of the pixel.
+    groups, members : (STRIDE,)
+        Of each group the hit, and how many points there are.
+    codes, sums : (STRIDE,), (4, STRIDE)
+        Of the faces in a pixel: hits, and sums over the samples on them.
+    aside, down : (STRIDE,)
+        Of each sample: how far its ray is off that of the centre.
+    quarter : (STRIDE,)
+        Of each sample: in which quarter of the pixel it is.
+    quarters : (4, 4)
+        Sums over the samples on one face in each quarter.
+    """
+
+    flag: ByteArray
+    bent: ByteArray
+    near: FloatArray
+    doubtful: IntArray
+    sampled: IntArray
+    order: IntArray
+    pixel: IntArray
+    group: IntArray
+    weight: FloatArray
+    groups: FloatArray
+    members: IntArray
     codes: FloatArray
-    colours: FloatArray
-    state: Int32Array
-    flags: Int32Array
+    sums: FloatArray
+    aside: FloatArray
+    down: FloatArray
+    quarter: IntArray
+    quarters: FloatArray
 
 
 class Rays(NamedTuple):
@@ -480,8 +543,9 @@ class Ray(NamedTuple):
 
 
 class PixelRun(NamedTuple):
-    """The pixels first..last of an image row, in which rays lie."""
+    """The pixels first..last of the image rows row..bottom, in which rays lie."""
 
     row: int
     first: int
     last: int
+    bottom: int

@@ -36,7 +36,9 @@ X, LEAF_IN, LEAF_OUT, FACE_IN, FACE_OUT, ENTRY, END, CODE, DEPTH, HIT = (np.uint
 VX, VY, VZ, PX, PY, PZ, NX, NY, NZ, RED, GREEN, BLUE, SPECULAR_BASE, SPECULAR, DIFFUSE = (
     np.uint64(STRIDE * k) for k in range(10, 25)
 )
-SUBTRACTED = np.uint64(STRIDE * 25)
+# Ray y, where rays are scattered over the image.
+Y = np.uint64(STRIDE * 25)
+SUBTRACTED = np.uint64(STRIDE * 26)
 SUBTRACTED_PARTS = np.uint64(3 * STRIDE)
 
 
@@ -184,22 +186,29 @@ def leaf_span(kind, ox, oy, oz, dx, dy, dz):
     return near, far, 0.0, 0.0
 
 
+@part
+def ray_y(s, j, y):
+    """The y of ray j of a row, which all of it has; of rays that are scattered (None) each has its own."""
+    return s[Y + j] if y is None else y
+
+
 @kernel
 def leaf_row(s, j0, j1, kind, leaf, matrices, origins, limits, y):
     """Boundaries of a leaf for the rays (s[X + j], y, 1) of the camera, j0 <= j < j1.
 
     They go into LEAF_IN, LEAF_OUT, FACE_IN and FACE_OUT. j0, j1 : uint64; matrices : (n, 3, 4) camera to unit frame;
-    origins, limits : (n, 3) local origins, and below what a direction component is zero
+    origins, limits : (n, 3) local origins, and below what a direction component is zero; y : see ray_y
     """
     m, o, limit = matrices[leaf], origins[leaf], limits[leaf]
     ax, ay, az = m[0, 0], m[1, 0], m[2, 0]
-    bx, by, bz = m[0, 1] * y + m[0, 2], m[1, 1] * y + m[1, 2], m[2, 1] * y + m[2, 2]
+    bx, by, bz = m[0, 1], m[1, 1], m[2, 1]
+    cx, cy, cz = m[0, 2], m[1, 2], m[2, 2]
     ox, oy, oz = o[0], o[1], o[2]
     lx, ly, lz = limit[0], limit[1], limit[2]
     if kind == BLOCK:
         for j in range(j0, j1):
-            x = s[X + j]
-            dx, dy, dz = ax * x + bx, ay * x + by, az * x + bz
+            x, v = s[X + j], ray_y(s, j, y)
+            dx, dy, dz = ax * x + (bx * v + cx), ay * x + (by * v + cy), az * x + (bz * v + cz)
             dx = TINY if abs(dx) < lx else dx
             dy = TINY if abs(dy) < ly else dy
             dz = TINY if abs(dz) < lz else dz
@@ -207,8 +216,8 @@ def leaf_row(s, j0, j1, kind, leaf, matrices, origins, limits, y):
             s[LEAF_IN + j], s[LEAF_OUT + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, face_in, face_out
     elif kind == CYLINDER:
         for j in range(j0, j1):
-            x = s[X + j]
-            dx, dy, dz = ax * x + bx, ay * x + by, az * x + bz
+            x, v = s[X + j], ray_y(s, j, y)
+            dx, dy, dz = ax * x + (bx * v + cx), ay * x + (by * v + cy), az * x + (bz * v + cz)
             dx = TINY if abs(dx) < lx else dx
             dy = TINY if abs(dy) < ly else dy
             dz = TINY if abs(dz) < lz else dz
@@ -216,14 +225,14 @@ def leaf_row(s, j0, j1, kind, leaf, matrices, origins, limits, y):
             s[LEAF_IN + j], s[LEAF_OUT + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, face_in, face_out
     elif kind == SPHERE:
         for j in range(j0, j1):
-            x = s[X + j]
-            dx, dy, dz = ax * x + bx, ay * x + by, az * x + bz
+            x, v = s[X + j], ray_y(s, j, y)
+            dx, dy, dz = ax * x + (bx * v + cx), ay * x + (by * v + cy), az * x + (bz * v + cz)
             near, far = sphere_span(ox, oy, oz, dx, dy, dz)
             s[LEAF_IN + j], s[LEAF_OUT + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, 0.0, 0.0
     elif kind == CONE:
         for j in range(j0, j1):
-            x = s[X + j]
-            dx, dy, dz = ax * x + bx, ay * x + by, az * x + bz
+            x, v = s[X + j], ray_y(s, j, y)
+            dx, dy, dz = ax * x + (bx * v + cx), ay * x + (by * v + cy), az * x + (bz * v + cz)
             dx = TINY if abs(dx) < lx else dx
             dy = TINY if abs(dy) < ly else dy
             dz = TINY if abs(dz) < lz else dz
@@ -231,7 +240,7 @@ def leaf_row(s, j0, j1, kind, leaf, matrices, origins, limits, y):
             s[LEAF_IN + j], s[LEAF_OUT + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, face_in, face_out
     else:
         for j in range(j0, j1):
-            dz = az * s[X + j] + bz
+            dz = az * s[X + j] + (bz * ray_y(s, j, y) + cz)
             dz = TINY if abs(dz) < lz else dz
             near, far = plane_span(oz, dz)
             s[LEAF_IN + j], s[LEAF_OUT + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, 0.0, 0.0

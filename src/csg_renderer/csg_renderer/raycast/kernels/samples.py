@@ -6,9 +6,8 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 
-from .differences import PATCH_COLUMNS, PATCH_ROWS, mark_by_leaves, mark_by_sight, note_corners
 from .image import begin_row, byte, finish_row, lit_row, on_boundary
-from .records import Patch, PixelRun, Rays
+from .records import PixelRun, Rays
 from .rows import BLUE, DEPTH, FACE_IN, GREEN, HIT, LEAF_IN, LEAF_OUT, RED, STRIDE, X, kernel
 from .tree import product_row
 
@@ -52,7 +51,7 @@ def hit_samples(work, rays, m, row, y, products, csg, camera, plan, terrains):
             first, last = rays.first[left], min(rays.first[right + 1], m)
         if first >= last:
             continue
-        within = PixelRun(row, rays.column[first], rays.column[last - 1])
+        within = PixelRun(row, rays.column[first], rays.column[last - 1], row)
         j0, j1 = np.uint64(first), np.uint64(last)
         product_row(s, j0, j1, q, within, y, plan.tolerance, csg, camera, plan.whole, work.counts)
         ambiguous |= csg.ambiguity[q] > 0.0
@@ -125,69 +124,13 @@ def sample_pixels(work, rays, at, grid, products, csg, camera, materials, plan, 
                 target.radiance[row, columns[pixel], channel] = sums[channel, pixel]
 
 
-@kernel
-def mark_boundaries(target, top, bottom, marks):
-    """Mark the pixels where faces meet."""
-    for row in range(top, bottom):
+@njit(error_model='numpy', nogil=True)
+def mark_rows(share, target, marks):
+    """Mark the pixels where faces meet in some bands of rows: first band, step. All of the target is rendered."""
+    for row in range(share[0], marks.shape[0], share[1]):
         for column in range(marks.shape[1]):
             if on_boundary(target, row, column):
                 marks[row, column] = 1
-
-
-@kernel
-def mark_patch(work, patch, rays, area, csg, camera, materials, plan, target, marks):
-    """Mark the pixels of a patch whose samples may differ; area : top, bottom, left, right."""
-    s = work.row
-    top, bottom, left, right = area
-    height, width = marks.shape
-    count = products_at(work.products, area, csg, camera, plan)
-    if count == 0 and camera.listed.shape[0] == 0:
-        return
-    for j in range(PATCH_COLUMNS):
-        s[X + np.uint64(j)] = plan.xs[0] + (left + j - 0.5) * plan.dx
-        rays.column[j] = min(left + j, width - 1)
-    # The corners left of a pixel belong to it, those right of the last one to that.
-    for column in range(width + 1):
-        rays.first[column] = min(max(column - left, 0), PATCH_COLUMNS)
-    rays.first[width] = min(width - left + 1, PATCH_COLUMNS)
-    for i in range(bottom - top + 1):
-        # The corners above a row belong to it, those below the last one to that.
-        row = min(top + i, height - 1)
-        y = plan.ys[0] + (top + i - 0.5) * plan.dy
-        hit_samples(work, rays, PATCH_COLUMNS, row, y, (work.products, count), csg, camera, plan, None)
-        lit_row(work, PATCH_COLUMNS, y, csg, materials, plan, None, None, None)
-        note_corners(s, patch, i)
-    mark_by_sight(patch, area, target, marks)
-    mark_by_leaves(s, patch, area, csg, camera, plan, marks)
-
-
-@njit(error_model='numpy', nogil=True)
-def mark_rows(share, faces_only, csg, camera, materials, plan, target, work, marks):
-    """Mark the pixels that need more than one sample in some bands of rows. All of the target is rendered.
-
-    share : first band, step; faces_only : only where faces meet, else wherever samples may differ; marks : (h, w)
-    uint8, zeros
-    """
-    height, width = target.depth.shape
-    patch = Patch(
-        np.empty(PATCH_ROWS * PATCH_COLUMNS),
-        np.empty(PATCH_ROWS * PATCH_COLUMNS),
-        np.empty((3, PATCH_ROWS * PATCH_COLUMNS)),
-        np.empty(2 * PATCH_COLUMNS, np.int32),
-        np.empty(PATCH_COLUMNS, np.int32),
-    )
-    rays = new_rays(width)
-    band = PATCH_ROWS - 1
-    for top in range(share[0] * band, height, share[1] * band):
-        bottom = min(top + band, height)
-        if faces_only:
-            mark_boundaries(target, top, bottom, marks)
-            continue
-        for left in range(0, width, PATCH_COLUMNS - 1):
-            if work.counts[3] != 0:
-                return
-            right = min(left + PATCH_COLUMNS - 1, width)
-            mark_patch(work, patch, rays, (top, bottom, left, right), csg, camera, materials, plan, target, marks)
 
 
 @njit(error_model='numpy', nogil=True)

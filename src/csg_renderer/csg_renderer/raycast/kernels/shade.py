@@ -25,6 +25,7 @@ from .rows import (
     VZ,
     X,
     kernel,
+    ray_y,
 )
 
 
@@ -32,15 +33,12 @@ from .rows import (
 def points_row(s, j0, j1, y, rotation):
     """Viewing rays and places of the hits of a row, scene frame, into VX..PZ."""
     ax, ay, az = rotation[0, 0], rotation[1, 0], rotation[2, 0]
-    bx, by, bz = (
-        rotation[0, 1] * y + rotation[0, 2],
-        rotation[1, 1] * y + rotation[1, 2],
-        rotation[2, 1] * y + rotation[2, 2],
-    )
+    bx, by, bz = rotation[0, 1], rotation[1, 1], rotation[2, 1]
+    zx, zy, zz = rotation[0, 2], rotation[1, 2], rotation[2, 2]
     cx, cy, cz = rotation[0, 3], rotation[1, 3], rotation[2, 3]
     for j in range(j0, j1):
-        x, t = s[X + j], s[DEPTH + j]
-        dx, dy, dz = ax * x + bx, ay * x + by, az * x + bz
+        x, v, t = s[X + j], ray_y(s, j, y), s[DEPTH + j]
+        dx, dy, dz = ax * x + (bx * v + zx), ay * x + (by * v + zy), az * x + (bz * v + zz)
         s[PX + j], s[PY + j], s[PZ + j] = cx + t * dx, cy + t * dy, cz + t * dz
         scale = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
         s[VX + j], s[VY + j], s[VZ + j] = dx * scale, dy * scale, dz * scale

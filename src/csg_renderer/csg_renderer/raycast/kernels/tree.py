@@ -29,12 +29,22 @@ from .rows import (
     kernel,
     leaf_row,
     leaf_span,
+    ray_y,
 )
 
 INF = math.inf
 # Hits are written leaf * LEAF_STEP + face * FACE_STEP + (1 when the ray leaves the solid there).
 LEAF_STEP, FACE_STEP = 16.0, 2.0
 NOTHING = -1.0
+
+
+@kernel
+def touches_run(span, leaf, run):
+    """Whether a leaf may touch pixels of a PixelRun."""
+    for row in range(run.row, run.bottom + 1):
+        if span[leaf, row, 0] <= run.last and span[leaf, row, 1] >= run.first:
+            return True
+    return False
 
 
 @kernel
@@ -85,7 +95,7 @@ def product_row(s, j0, j1, q, run, y, tolerance, csg, camera, whole, counts):
     slots = np.uint64(0)
     for f in range(split, end):
         leaf = csg.factors[f]
-        if not whole and (camera.span[leaf, run.row, 0] > run.last or camera.span[leaf, run.row, 1] < run.first):
+        if not (whole or touches_run(camera.span, leaf, run)):
             continue
         leaf_row(s, j0, j1, csg.kind[leaf], leaf, camera.local, camera.origin, camera.limit, y)
         counts[0] += n * csg.halfspaces[leaf]
@@ -243,7 +253,7 @@ def list_row(work, j0, j1, child, y, tolerance, csg, camera):
     """Merge the first boundary beyond the camera of a child, entry or exit, into DEPTH and HIT (see product_row)."""
     s, times, hits = work.row, work.times, work.hits
     for j in range(j0, j1):
-        ray = Ray(0.0, 0.0, 0.0, s[X + j], y, 1.0)
+        ray = Ray(0.0, 0.0, 0.0, s[X + j], ray_y(s, j, y), 1.0)
         count = child_list(csg, camera.local, camera.sphere, child, ray, tolerance, work)
         for k in range(count):
             if tolerance < times[k] < NEVER:
@@ -268,7 +278,7 @@ def settle_row(work, m, y, tolerance, csg, camera):
             continue
         s[HIT + j] = np.floor(hit)
         child = csg.child_of[int(hit / LEAF_STEP)]
-        ray = Ray(0.0, 0.0, 0.0, s[X + j], y, 1.0)
+        ray = Ray(0.0, 0.0, 0.0, s[X + j], ray_y(s, j, y), 1.0)
         count = child_list(csg, camera.local, camera.sphere, child, ray, tolerance, work)
         for i in range(0, count, 2):
             if times[i] > tolerance:
