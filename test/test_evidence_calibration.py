@@ -9,7 +9,12 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / 'benchmarks'))
-from calibrate_evidence import NAMES, Best, _scale, _share, _surface_shares, fitted, intervals, report
+import calibrate_evidence
+import evidence_of_features
+import reliability
+from evidence_of_features import Searched
+from evidence_of_images import IN_USE, NAMES, Best, _scale, _share, _surface_shares, fitted
+from reliability import RATES, Stated
 
 RIGHT_FACES = [(18, 20), (15, 20)]
 
@@ -55,15 +60,73 @@ def test_what_no_search_tells_is_not_a_number():
 def test_intervals_of_a_few_pairs_are_those_of_what_they_tell(monkeypatch):
     monkeypatch.setattr('calibrate_evidence.BOOTSTRAPS', 4)
     some = many(60)
-    low, high = intervals(some, np.random.default_rng(0))
-    assert (low[:3] <= high[:3]).all() and np.isnan(low[3:]).all() and len(low) == len(NAMES)
-    for few in (some[:3], []):
-        assert np.isnan(intervals(few, np.random.default_rng(0))).all()
+    told = list(calibrate_evidence.numbers(some, fitted, NAMES, IN_USE).items())
+    assert [name for name, _ in told] == list(NAMES)
+    assert all(one['low'] <= one['high'] for _, one in told[:3])
+    assert all(np.isnan(one['low']) for _, one in told[3:])
+    few = calibrate_evidence.numbers(some[:3], fitted, NAMES, IN_USE)
+    assert all(np.isnan(one['high']) for one in few.values())
 
 
-def test_a_report_counts_false_alarms_and_refusals():
-    found = [search(0, False, 5.0), search(0, False, 1.0), search(1, True, 4.0), search(1, True, 1.0)]
-    lines = report(found, np.array([1.0, 0.0, 0.0]), 'some')
-    assert lines[0] == 'some: 2 right, 2 absent'
-    assert '0.010:  4.6 nats, 500.0 false alarms in 1000 searches, 1.000 of the right ones refused' in lines[2]
-    assert report([], np.ones(3), 'none')[0] == 'none: 0 right, 0 absent'
+def in_scenes(count: int, least: float, tail: float, alike: float) -> list[Searched]:
+    """Searches for what is absent whose best evidence is as FALSE_ALARMS has it."""
+    rng = np.random.default_rng(2)
+    hypotheses = np.exp(rng.uniform(1.0, 12.0, count))
+    nats = least + tail * (np.log(hypotheses + alike) + rng.exponential(1.0, count))
+    return [Searched('some', f'{k}', 0.0, *values, True) for k, values in enumerate(zip(hypotheses, nats))]
+
+
+def test_the_tail_of_chance_is_given_back():
+    true = np.array([-10.0, 2.1, 300.0])
+    found = in_scenes(8000, *true)
+    fit = evidence_of_features._tail(found)
+    for numbers in (true, fit):
+        assert reliability.within(reliability.figures([one.stated(numbers) for one in found])['some']) == []
+    needed = [least + tail * np.log((np.array([50.0, 1e4]) + alike) / 0.001) for least, tail, alike in (true, fit)]
+    assert needed[1] == pytest.approx(needed[0], abs=2.5), 'one in a thousand of eight thousand tells so much'
+
+
+def test_what_is_found_of_a_view_and_about_it_is_given_back():
+    rng = np.random.default_rng(3)
+    found = []
+    for k in range(4000):
+        there = k % 2 == 0
+        thinned = rng.random() < 0.5
+        seen = rng.binomial(12, (0.5 if thinned else 0.7) if there else 0.2)
+        hidden = rng.binomial(8, (0.5 if thinned else 0.05) if there else 0.2)
+        density, crowded = rng.uniform(0.0, 1.0), rng.random() < 0.1
+        met = rng.poisson(0.4 * density + 0.05 * 6 + 0.05 + (2.5 if crowded or not there else 0.0))
+        view = [20, int(seen + hidden), 12, int(seen), 8, int(hidden)]
+        found.append(Searched('some', f'{k}', float(there), 5.0, 5.0, True, view, [6.0, float(met), density]))
+    assert evidence_of_features._view(found) == pytest.approx([0.2, 0.5, 0.7, 0.05], abs=0.05)
+    assert evidence_of_features._about(found) == pytest.approx([2.5, 0.05, 0.4, 0.1], rel=0.5)
+
+
+def test_figures_count_false_alarms_and_refusals_of_every_kind():
+    some = [Stated('a', 0.0, 0.05), Stated('a', 0.0, 1.0), Stated('a', 0.75, 0.02), Stated('a', 0.75, 1e-6)]
+    rows = reliability.figures([*some, Stated('b', 0.0, 1.0)])
+    assert rows['a']['0.1'] == 500.0 and rows['a']['0.03'] == 0.0 and rows['all']['absent'] == 3
+    assert rows['a']['0.75 refused at 0.01'] == 0.5 and rows['a']['0.75 refused at 0.1'] == 0.0
+    assert '0.75 there' not in rows['b']
+    text = reliability.lines(rows)
+    assert len(text) == 1 + 3 + 2 and '2 there, 75 % in view' in text[4]
+
+
+def test_a_rate_is_off_only_where_the_searches_tell():
+    many_more = [Stated('a', 0.0, 0.01)] * 30 + [Stated('a', 0.0, 1.0)] * 70
+    row = reliability.figures(many_more)['a']
+    assert reliability.within(row) == ['0.1 (0.3)', '0.03 (0.3)', '0.01 (0.3)']
+    assert reliability.within(reliability.figures(many_more[29:32])['a']) == []
+    low, high = reliability.bounds(5, 100)
+    assert low < 0.05 < high and reliability.bounds(0, 9)[0] == 0.0 and reliability.bounds(9, 9)[1] == 1.0
+
+
+def test_the_diagram_shows_what_is_true_inside_its_band():
+    """Chances that are true run along the diagonal, in the band; four times too many, beyond it."""
+    true = [Stated('true', 0.0, float(chance)) for chance in np.linspace(1e-4, 1.0, 4000)]
+    image = reliability.drawing(true, 'true')
+    assert image.shape[2] == 3 and len(RATES) == 6
+    many_more = reliability.drawing([Stated('true', 0.0, one.chance / 4.0) for one in true], 'more')
+    column = slice(200, 220)
+    dark = [np.flatnonzero((some[60:500, column] < 60).all(axis=2).any(axis=1)).mean() for some in (image, many_more)]
+    assert dark[1] < dark[0], 'more are observed than stated'

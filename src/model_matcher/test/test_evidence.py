@@ -19,7 +19,7 @@ from model_matcher.model.convex_hull import hull_faces
 from model_matcher.model.index import ModelIndex, feature_rows
 from model_matcher.model.problem import make_problem
 from model_matcher.model.regularity import regularity
-from model_matcher.verification.evidence import coincidences, meet, neighbours, plane_table, radius_nats
+from model_matcher.verification.evidence import coincidences, meet, neighbours, plane_table, radius_nats, surroundings
 from model_matcher.verification.false_alarms import needed_evidence
 from model_matcher.verification.settings import ANGLE, NEIGHBOURS, RADII
 from msgs_py import FeatureSet
@@ -173,7 +173,7 @@ def test_unexplained_edges_at_explained_corners_speak_against_a_pose_up_to_a_lim
         rows = feature_rows(data)
         tols = np.full((len(rows), 3), TOLERANCE)
         assignment = np.r_[np.arange(4), np.full(extra, -1)].astype(np.int32)
-        values.append(neighbours(IDENTITY, model, DataFeatures(rows, data.kind, tols, 0.0), assignment))
+        values.append(neighbours(surroundings(IDENTITY, model, DataFeatures(rows, data.kind, tols, 0.0), assignment)))
     assert values[0] == pytest.approx(
         np.log((1.0 - NEIGHBOURS.crowded) * np.exp(NEIGHBOURS.of_chance) + NEIGHBOURS.crowded)
     )

@@ -7,7 +7,7 @@ from model_matcher import index_model
 from model_matcher.closed_form.synthetic.scenes import box, cylinder_box, l_shape
 from model_matcher.model.convex_hull import hull_faces
 from model_matcher.verification.settings import VIEW
-from model_matcher.verification.visibility_evidence import nats_of_view
+from model_matcher.verification.visibility_evidence import count_in_view, nats_of_view
 from msgs_py import FeatureKind, FeatureSet, Pose
 
 SIZE = np.array([0.10, 0.06, 0.04])
@@ -19,7 +19,8 @@ def nats(model: FeatureSet, pose: Pose, found: np.ndarray) -> float:
     """Of a model of which these features were found."""
     used = np.zeros(len(model), bool)
     used[found] = True
-    return nats_of_view(np.r_[pose.rotation.ravel(), pose.translation], used, *hull_faces(index_model(model)))
+    motion = np.r_[pose.rotation.ravel(), pose.translation]
+    return nats_of_view(count_in_view(motion, used, *hull_faces(index_model(model))))
 
 
 def ratio(found: int, missed: int, chance: float) -> float:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import ByteArray, FloatArray, Int32Array
+from msgs_py.numeric.typed import BoolArray, ByteArray, FloatArray, Int32Array
 
 from .features import CURVE, DataFeatures, ModelFeatures
 from .rigid_motion import perpendiculars, rotate, transform
@@ -222,6 +222,59 @@ def parallel_pose(
         for axis in range(3):
             motion[9 + axis] += shift * u[axis]
     return True
+
+
+@njit
+def matching_parallel(
+    data: DataFeatures, model: ModelFeatures, table: ParallelPairs, a: int, b: int, may: BoolArray, found: Int32Array
+) -> int:
+    """Model pairs that a parallel data pair may lie on.
+
+    Parameters
+    ----------
+    data : DataFeatures
+    model : ModelFeatures
+    table : ParallelPairs
+        Of the model.
+    a, b : int
+        The data pair.
+    may : (n, e) bool
+        Which model features a data feature may be on by itself.
+    found : (m,) int32
+        Filled: twice the row of the pair in the table, plus 1 where the data's direction is reversed. There is room for
+        all when m is at least twice the table's length.
+
+    Returns
+    -------
+    int
+        How many there are.
+
+    """
+    kind, tols = data.kind, data.tolerances
+    apart, along, _ = offsets(data.rows[a], data.rows[b])
+    across = tols[a, 0] + tols[b, 0]
+    cone = min(tols[a, 2], tols[b, 2])
+    room = across + cone * abs(along)
+    neither_curve = kind[a] != CURVE and kind[b] != CURVE
+    low, high = table.starts[KINDS * kind[a] + kind[b]], table.starts[KINDS * kind[a] + kind[b] + 1]
+    low += np.searchsorted(table.apart[low:high], apart - room)
+    count = 0
+    for at in range(low, high):
+        if table.apart[at] > apart + room:
+            break
+        i, j = table.members[at, 0], table.members[at, 1]
+        if not may[a, i] or not may[b, j]:
+            continue
+        for turning in range(2):
+            # What a fragment may slide along its model feature, and a curve not.
+            slides = across + cone * apart
+            for k, on in ((a, i), (b, j)):
+                if kind[k] != CURVE:
+                    slides += tols[k, 1] + (0.0 if neither_curve else max(0.0, model.rows[on, 6] - data.rows[k, 6]))
+            if abs(along - (1.0 - 2.0 * turning) * table.along[at]) <= slides:
+                found[count] = 2 * at + turning
+                count += 1
+    return count
 
 
 @njit

@@ -56,6 +56,12 @@ MAX_ANGLE = RIGHT_ANGLE + FLIP_MARGIN
 NORMAL_LENGTH = 0.1
 LEAST_GAP = 0.05
 
+# -- counting hypotheses ---------------------------------------------------------------------------------------------
+
+# Data pairs that are looked at, of these those near enough to be of one object, and the hypotheses of these; of the
+# last two either is enough. Their number is then known to a third, the evidence that is needed to half a nat or so.
+TRIED_PAIRS, COUNTED_PAIRS, ENOUGH_HITS = 20000, 100, 4000
+
 # -- back-projection -------------------------------------------------------------------------------------------------
 
 # Weight of the mean quality of fit, in [0, 1], in a score whose whole part is the number of distinct model features: it

@@ -10,10 +10,13 @@ import numpy as np
 from msgs_py import FeatureKind, FeatureSet
 
 from ..geometry.features import DataFeatures, ModelFeatures
+from ..geometry.hypothesis_count import count_hypotheses
+from ..geometry.pair_bounds import possible
 from ..geometry.settings import SMALLEST_LENGTH
 from ..params import MatchParams
 from .index import ModelIndex, data_tolerances, feature_rows
 from .settings import FARTHEST, MOST_ACROSS, SEARCH_WIDTH
+from .symmetry import distinct_pairs
 
 
 @dataclass(eq=False)
@@ -44,11 +47,23 @@ class Problem:
     features: DataFeatures
 
     @cached_property
-    def of_its_kinds(self) -> int:
-        """Data features of kinds that the model has; of others chance makes no pose."""
+    def of_its_kinds(self) -> np.ndarray:
+        """(k,) int, data features of kinds that the model has; of others chance makes no pose."""
         has = np.zeros(256, bool)
         has[self.index.kind] = True
-        return int(has[self.features.kind].sum())
+        return np.flatnonzero(has[self.features.kind])
+
+    @cached_property
+    def hypotheses(self) -> float:
+        """What chance may try: each feature alone, and pairs, see :func:`.hypothesis_count.count_hypotheses`."""
+        data, model = self.features, self.model
+        may = np.zeros((0, 0), bool)
+        # Of edges alone no parallel pair is counted.
+        if (model.kind != FeatureKind.EDGE).any():
+            may = possible(data.rows, data.kind, data.tolerances, model.rows, model.kind, data.radius_tolerance)
+        table, parallel, some = distinct_pairs(self.index), self.index.parallel_pairs, self.of_its_kinds
+        of_pairs: float = count_hypotheses(model, table, parallel, may, data, some)
+        return len(some) + of_pairs
 
     @property
     def rows(self) -> np.ndarray:

@@ -17,7 +17,15 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 from ..geometry.back_projection import count_matches
 from ..geometry.features import CURVE, DataFeatures, ModelFeatures
 from ..geometry.pair_bounds import possible
-from ..geometry.parallel_pairs import KINDS, ParallelPairs, lever, offsets, parallel_pose, single_pose
+from ..geometry.parallel_pairs import (
+    KINDS,
+    ParallelPairs,
+    lever,
+    matching_parallel,
+    offsets,
+    parallel_pose,
+    single_pose,
+)
 from ..geometry.settings import PARALLEL_SINE
 from ..model.problem import Problem
 from ..model.settings import SEARCH_WIDTH
@@ -151,7 +159,7 @@ def search_parallel(
     """
     rows, tols, kind = data.rows, data.tolerances, data.kind
     stamp = np.full(model.rows.shape[0], -1, np.int64)
-    motion = np.empty(12)
+    motion, found = np.empty(12), np.empty(2 * table.members.shape[0], np.int32)
     around = DataFeatures(rows.copy(), kind.copy(), tols.copy(), data.radius_tolerance)
     count, gathered = 0, -1
     for p in range(first, last):
@@ -170,31 +178,13 @@ def search_parallel(
                         state[0] += 1
                         _try(motion, 1.0, model, near, widen, stamp, state[0], candidates)
             continue
-        apart, along, _ = offsets(rows[a], rows[b])
         across = tols[a, 0] + tols[b, 0]
-        cone = min(tols[a, 2], tols[b, 2])
-        room = across + cone * abs(along)
-        neither_curve = kind[a] != CURVE and kind[b] != CURVE
-        low, high = table.starts[KINDS * kind[a] + kind[b]], table.starts[KINDS * kind[a] + kind[b] + 1]
-        low += np.searchsorted(table.apart[low:high], apart - room)
-        for at in range(low, high):
-            if table.apart[at] > apart + room:
-                break
+        for k in range(matching_parallel(data, model, table, a, b, may, found)):
+            at, sense = found[k] // 2, 1.0 - 2.0 * (found[k] % 2)
             i, j = table.members[at, 0], table.members[at, 1]
-            if not may[a, i] or not may[b, j]:
-                continue
-            for turning in range(2):
-                sense = 1.0 - 2.0 * turning
-                # What a fragment may slide along its model feature, and a curve not.
-                slides = across + cone * apart
-                for k, on in ((a, i), (b, j)):
-                    if kind[k] != CURVE:
-                        slides += tols[k, 1] + (0.0 if neither_curve else max(0.0, model.rows[on, 6] - rows[k, 6]))
-                if abs(along - sense * table.along[at]) > slides:
-                    continue
-                if parallel_pose(data, a, b, model, i, j, sense, table.apart[at] <= across, motion):
-                    state[0] += 1
-                    _try(motion, 2.0, model, near, widen, stamp, state[0], candidates)
+            if parallel_pose(data, a, b, model, i, j, sense, table.apart[at] <= across, motion):
+                state[0] += 1
+                _try(motion, 2.0, model, near, widen, stamp, state[0], candidates)
 
 
 @njit

@@ -60,7 +60,7 @@ from .settings import (
     WHOLE,
     WORST,
 )
-from .visibility_evidence import nats_of_view
+from .visibility_evidence import count_in_view, nats_of_view
 
 
 class Planes(NamedTuple):
@@ -446,9 +446,27 @@ def meet(a: FloatArray, b: FloatArray, tolerance: float) -> bool:
     return near_ends
 
 
+class Surroundings(NamedTuple):
+    """What lies about the data that a pose explains.
+
+    Attributes
+    ----------
+    matched
+        Data features that it explains.
+    met
+        Unexplained edges that meet these end to end.
+    by_density
+        How many would meet them if all that is unexplained were strewn about.
+    """
+
+    matched: float
+    met: float
+    by_density: float
+
+
 @njit
-def neighbours(motion: FloatArray, model: ModelFeatures, data: DataFeatures, assignment: Int32Array) -> float:
-    """Nats for what surrounds the data that a pose explains.
+def surroundings(motion: FloatArray, model: ModelFeatures, data: DataFeatures, assignment: Int32Array) -> Surroundings:
+    """Count what lies about the data that a pose explains.
 
     Parameters
     ----------
@@ -461,7 +479,7 @@ def neighbours(motion: FloatArray, model: ModelFeatures, data: DataFeatures, ass
 
     Returns
     -------
-    float
+    Surroundings
 
     """
     rows, tols, middle, size = data.rows, data.tolerances, model.middle, model.size
@@ -478,7 +496,7 @@ def neighbours(motion: FloatArray, model: ModelFeatures, data: DataFeatures, ass
             explained += 2.0 * rows[k, 6]
             tolerance += tols[k, 0]
     if count == 0:
-        return 0.0
+        return Surroundings(0.0, 0.0, 0.0)
     tolerance /= count
     met = 0.0
     for k in range(n):
@@ -497,8 +515,16 @@ def neighbours(motion: FloatArray, model: ModelFeatures, data: DataFeatures, ass
                 break
     # Two of the straight pieces strewn over a volume meet with this chance (Crofton).
     density = explained * unexplained * 0.5 * np.pi * tolerance / (4.0 / 3.0 * np.pi * radius**3)
-    expected = NEIGHBOURS.at_ends * density + NEIGHBOURS.missed * count + 0.05
-    alone = np.exp(NEIGHBOURS.of_chance - met * np.log((expected + NEIGHBOURS.of_chance) / expected))
+    return Surroundings(float(count), met, density)
+
+
+@njit
+def neighbours(around: Surroundings) -> float:
+    """Nats for what surrounds the data that a pose explains."""
+    if around.matched == 0.0:
+        return 0.0
+    expected = NEIGHBOURS.at_ends * around.by_density + NEIGHBOURS.missed * around.matched + 0.05
+    alone = np.exp(NEIGHBOURS.of_chance - around.met * np.log((expected + NEIGHBOURS.of_chance) / expected))
     nats: float = np.log((1.0 - NEIGHBOURS.crowded) * alone + NEIGHBOURS.crowded)
     return nats
 
@@ -672,6 +698,6 @@ def evidence(
     total = coincidences(model, used, regular, planes, accuracy, of_radius)
     total -= displaced(motion, model, data, assignment, used, regular.faces)
     total += max(coverage(model, data, low, high, regular.direction), FRAGMENTS)
-    total += nats_of_view(motion, used, regular.faces, regular.lies)
-    nats: float = total + neighbours(motion, model, data, assignment)
+    total += nats_of_view(count_in_view(motion, used, regular.faces, regular.lies))
+    nats: float = total + neighbours(surroundings(motion, model, data, assignment))
     return nats

@@ -26,7 +26,7 @@ def needed_evidence(problem: Problem, params: MatchParams) -> float:
     """
     if params.false_alarm_rate >= 1.0:
         return -math.inf
-    return false_alarm_evidence(problem.of_its_kinds, params.false_alarm_rate)
+    return false_alarm_evidence(problem.hypotheses, params.false_alarm_rate)
 
 
 def needed_with_images(params: MatchParams) -> float:
@@ -63,7 +63,7 @@ def chance_of(problem: Problem, evidence: float) -> float:
     float
         Share of the scenes without the model: the rate whose :func:`false_alarm_evidence` this is, at most 1.
     """
-    nats = FALSE_ALARMS.least + FALSE_ALARMS.per_data * math.log(max(problem.of_its_kinds, 1))
+    nats = false_alarm_evidence(problem.hypotheses, 1.0)
     return min(1.0, math.exp(min(0.0, (nats - evidence) / FALSE_ALARMS.tail)))
 
 
@@ -88,13 +88,13 @@ def chance_with_images(evidence: float) -> float:
     return math.exp(min(0.0, -evidence))
 
 
-def false_alarm_evidence(n: int, rate: float) -> float:
+def false_alarm_evidence(hypotheses: float, rate: float) -> float:
     """The evidence that chance reaches.
 
     Parameters
     ----------
-    n : int
-        Data features of a scene.
+    hypotheses : float
+        That there are, see :attr:`.Problem.hypotheses`.
     rate : float
         Share of the scenes in which chance reaches as much; below 1e-12 counts as 1e-12.
 
@@ -105,8 +105,7 @@ def false_alarm_evidence(n: int, rate: float) -> float:
 
     Examples
     --------
-    >>> round(false_alarm_evidence(100, 1e-3), 2)
-    15.29
+    >>> round(false_alarm_evidence(20000, 1e-3), 2)
+    17.49
     """
-    nats = FALSE_ALARMS.least + FALSE_ALARMS.per_data * math.log(max(n, 1))
-    return nats - FALSE_ALARMS.tail * math.log(max(rate, 1e-12))
+    return FALSE_ALARMS.least + FALSE_ALARMS.tail * math.log((hypotheses + FALSE_ALARMS.alike) / max(rate, 1e-12))

@@ -1,7 +1,8 @@
 """Numbers of verification. Evidence is in nats: natural logarithms of ratios of probabilities.
 
 Those of the evidence were measured on the synthetic scenes of test/benchmarks/bench_matcher.py (presets clutter, absent
-and false_alarms); change one only together with FALSE_ALARMS, the measured result of all.
+and false_alarms); test/benchmarks/calibrate_evidence.py fits those of them that searches tell, and says how true the
+chances are that come of all. Change one only together with FALSE_ALARMS, the measured result of all.
 """
 
 from __future__ import annotations
@@ -132,16 +133,17 @@ VIEW = ChancesOfView(0.28, 0.39, 0.47, 0.1)
 class FalseAlarms(NamedTuple):
     """Evidence (nats) that the best pose of an absent model has by chance.
 
-    It is more than least + per_data x ln(data features) + tail x t in less than exp(-t) of the scenes, as measured
-    among other objects: bench_matcher.py --presets false_alarms.
+    Chance tries h hypotheses, and each has more than least + tail t nats in exp(-t) of the tries. What stands there is
+    an object, perhaps one like the model, be the hypotheses ever so few: that is as good as so many more (alike). One
+    of all has more in (h + alike) exp(-t) of the searches. See test/benchmarks/calibrate_evidence.py.
     """
 
     least: float
-    per_data: float
     tail: float
+    alike: float
 
 
-FALSE_ALARMS = FalseAlarms(-0.6, 1.5, 1.3)
+FALSE_ALARMS = FalseAlarms(-14.5, 1.9, 500.0)
 # A candidate whose data is claimed to more than this part by a better interpretation competes with it.
 CLAIMED = 0.34
 # So large a part of the data of another pose, or of the most distinct model features of any, counts as nearly all.

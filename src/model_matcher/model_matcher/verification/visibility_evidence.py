@@ -13,6 +13,8 @@ The chances say little for a single feature, because objects hide each other: wh
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
@@ -28,9 +30,30 @@ def _nats(found: int, missed: int, chance: float) -> float:
     return nats
 
 
+class InView(NamedTuple):
+    """How many features of a model were found, by whether they can be in view.
+
+    Attributes
+    ----------
+    all, found
+        Features of the model, and of these found.
+    in_view, seen
+        On its hull and in view, and of these found.
+    out_of_view, hidden
+        On its hull and out of view, and of these found.
+    """
+
+    all: int
+    found: int
+    in_view: int
+    seen: int
+    out_of_view: int
+    hidden: int
+
+
 @njit
-def nats_of_view(motion: FloatArray, used: BoolArray, planes: FloatArray, lies: BoolArray) -> float:
-    """Nats for which features of a model were found, and which were not.
+def count_in_view(motion: FloatArray, used: BoolArray, planes: FloatArray, lies: BoolArray) -> InView:
+    """Count the features of a model that were found.
 
     Parameters
     ----------
@@ -43,7 +66,7 @@ def nats_of_view(motion: FloatArray, used: BoolArray, planes: FloatArray, lies: 
 
     Returns
     -------
-    float
+    InView
 
     """
     e = len(used)
@@ -58,11 +81,18 @@ def nats_of_view(motion: FloatArray, used: BoolArray, planes: FloatArray, lies: 
         for j in range(e):
             hull[j] |= lies[h, j]
             in_view[j] |= lies[h, j] and side > 0.0
-    count = used.sum()
-    seen = (in_view & used).sum()
-    hidden = (hull & ~in_view & used).sum()
-    of_view = _nats(seen, in_view.sum() - seen, VIEW.seen) + hidden * np.log(VIEW.hidden / VIEW.by_chance)
-    thinned = _nats(count, e - count, VIEW.thinned)
+    out = hull & ~in_view
+    return InView(
+        e, int(used.sum()), int(in_view.sum()), int((in_view & used).sum()), int(out.sum()), int((out & used).sum())
+    )
+
+
+@njit
+def nats_of_view(counts: InView) -> float:
+    """Nats for which features of a model were found, and which were not."""
+    of_view = _nats(counts.seen, counts.in_view - counts.seen, VIEW.seen)
+    of_view += counts.hidden * np.log(VIEW.hidden / VIEW.by_chance)
+    thinned = _nats(counts.found, counts.all - counts.found, VIEW.thinned)
     most = max(thinned, of_view)
     nats: float = most + np.log(0.5 * (np.exp(thinned - most) + np.exp(of_view - most)))
     return nats
