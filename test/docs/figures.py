@@ -283,6 +283,43 @@ def covariances() -> str:
     return f'{table(head, rows)}\n\n{paragraph(record.source + ".")}'
 
 
+def chances() -> str:
+    """False alarms at stated rates, and what is refused, by features alone."""
+    return _reliability('features', ('0.1', '0.03', '0.01', '0.003', '0.001'))
+
+
+def chances_in_images() -> str:
+    """The same with what images say."""
+    return _reliability('images', ('0.1', '0.01', '0.001'))
+
+
+def _reliability(way: str, rates: tuple[str, ...]) -> str:
+    record = read('evidence')
+    rows = []
+    for kind, row in record.figures[way]['reliability'].items():
+        alarms = [f'{row[rate]:.0f} ({row[f"{rate} low"]:.0f} to {row[f"{rate} high"]:.0f})' for rate in rates]
+        shares = [name.removesuffix(' there') for name in row if name.endswith(' there')]
+        refused = [
+            f'{percent(row[f"{share} refused at 0.001"], 1.0)} of {row[f"{share} there"]:.0f}'
+            + (f' ({percent(float(share), 1.0)} in view)' if float(share) < 1.0 else '')
+            for share in shares
+        ]
+        rows.append([kind.removeprefix('images: '), f'{row["absent"]:.0f}', *alarms, '; '.join(refused)])
+    head = ['searches', *(f'at {rate}' for rate in rates), 'refused at 0.001']
+    return f'{table(head, rows)}\n\n{paragraph(record.source + ".")}'
+
+
+def numbers_of_evidence() -> str:
+    """Every fitted number of the evidence, with its interval and the one in use."""
+    record = read('evidence')
+    rows = [
+        [name, *(f'{one[key]:.3g}' for key in ('fitted', 'low', 'high', 'in use'))]
+        for way in ('features', 'images')
+        for name, one in record.figures[way]['numbers'].items()
+    ]
+    return f'{table(["fitted", "from", "to", "in use"], rows)}\n\n{paragraph(record.source + ".")}'
+
+
 BLOCKS: dict[str, tuple[Path, Callable[[], str]]] = {
     'views': (README, views),
     'renderer': (README, renderer),
@@ -291,6 +328,9 @@ BLOCKS: dict[str, tuple[Path, Callable[[], str]]] = {
     'limits': (README, limits),
     'found': (IMAGES, found_in_pictures),
     'covariances': (MATCHER, covariances),
+    'chances': (MATCHER, chances),
+    'numbers': (MATCHER, numbers_of_evidence),
+    'chances-images': (IMAGES, chances_in_images),
     'effects': (CAMERA, effects),
 }
 
