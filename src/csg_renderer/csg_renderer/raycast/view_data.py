@@ -141,7 +141,10 @@ def differences(
     bent = np.zeros(len(program.children), dtype=bool)
     np.logical_or.at(bent, children, round_)
     _, diffuse, specular, shininess = materials.coefficients[:, :4].T
-    light = materials.light_colours.sum(axis=0).max(initial=0.0)
+    lights = materials.light_colours
+    # Of what is round, but not along a cylinder.
+    stretch = view.local[:, :, :3] * np.where((program.kind == CYLINDER)[:, None, None], [[1.0], [1.0], [0.0]], 1.0)
+    bend = np.linalg.eigvalsh(stretch.transpose(0, 2, 1) @ stretch)[:, 2]
     products = flat.child_products[children] if n else np.zeros((0, 2), dtype=np.int64)
     products[np.isin(children, data.listed)] = 0
     # The mirrored ray turns twice as fast as the normal; a highlight's sigma is 1 / sqrt(shininess).
@@ -151,9 +154,10 @@ def differences(
         lines,
         start,
         bounds,
-        (view.local[:, :, :3] ** 2).sum(axis=(1, 2)),
+        bend,
+        diffuse * lights.sum(axis=0).max(initial=0.0),
         # cos^s falls by no more than sqrt(s / e) a radian.
-        light * (diffuse + specular * np.sqrt(np.maximum(shininess, 1.0) / np.e)),
+        specular * np.sqrt(np.maximum(shininess, 1.0) / np.e) * lights.max(initial=0.0),
         narrow,
         products,
         np.where(round_, ROUND_ERROR, 0.0),

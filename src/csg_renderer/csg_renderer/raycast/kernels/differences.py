@@ -218,11 +218,12 @@ def changes(code, x, y, z, csg, camera, edges, plan):
         return INF, INF
     # Metres on the surface that a pixel covers: depth times its angle, over the cosine between ray and normal.
     moved = z * plan.dx * ray * math.sqrt(square) / facing
-    turn = plan.dx + 2.0 * moved * bend / math.sqrt(square)
-    near = INF
+    turn, near = moved * bend / math.sqrt(square), INF
     for light in range(edges.lights.shape[0]):
         dx, dy, dz = edges.lights[light, 0] - z * x, edges.lights[light, 1] - z * y, edges.lights[light, 2] - z
         near = min(near, dx * dx + dy * dy + dz * dz)
-    turn += moved / math.sqrt(near)
+    light = moved / math.sqrt(near)
+    # The mirrored ray turns with that to the camera, and twice with the normal.
+    matt, shine = edges.matt[leaf] * (turn + light), edges.shine[leaf] * (2.0 * turn + plan.dx + light)
     slope = moved / z * math.sqrt(max(0.0, 1.0 - facing * facing / (square * ray)))
-    return edges.strength[leaf] * turn, slope + 0.1 * plan.dx
+    return matt + shine, slope + 0.1 * plan.dx

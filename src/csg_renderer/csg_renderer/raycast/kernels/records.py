@@ -428,8 +428,9 @@ class Differences(NamedTuple):
         Least and greatest column and row of the lines of each leaf.
     bend : (n,)
         Square of the greatest stretch from the camera's frame to the unit frame, per square metre.
-    strength : (n,)
-        How much the shade changes while normal or lights turn, at most, 1 a radian.
+    matt, shine : (n,)
+        How much the shade changes at most, 1 a radian, while the angle to the lights changes, and while that of the
+        mirrored ray to one of them does: two highlights are hardly ever at one place.
     narrow : (n,)
         Square of the turn of normals from pixel to pixel beyond which a highlight is narrower than a pixel.
     products : (n, 2)
@@ -446,7 +447,8 @@ class Differences(NamedTuple):
     start: IntArray
     bounds: FloatArray
     bend: FloatArray
-    strength: FloatArray
+    matt: FloatArray
+    shine: FloatArray
     narrow: FloatArray
     products: IntArray
     error: FloatArray
@@ -473,8 +475,8 @@ class Cells(NamedTuple):
         Of each point: which of the pixels at hand it belongs to, the group of its face, and its share of the pixel.
     groups, members : (STRIDE,)
         Of each group the hit, and how many points there are.
-    codes, sums : (STRIDE,), (4, STRIDE)
-        Of the faces in a pixel: hits, and sums over the samples on them.
+    codes : (STRIDE,)
+        Of the faces in a pixel: hits.
     aside, down : (STRIDE,)
         Of each sample: how far its ray is off that of the centre.
     quarter : (STRIDE,)
@@ -495,7 +497,6 @@ class Cells(NamedTuple):
     groups: FloatArray
     members: IntArray
     codes: FloatArray
-    sums: FloatArray
     aside: FloatArray
     down: FloatArray
     quarter: IntArray

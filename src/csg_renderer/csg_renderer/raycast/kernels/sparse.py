@@ -14,10 +14,10 @@ from ..settings import MOST_CURVED
 from .differences import ALL, DOUBT, STEADY, bent_about, changes, corner, flag_tile
 from .image import begin_row, byte, finish_row, lit_row, products_in_tile
 from .records import Cells, PixelRun
-from .rows import BLUE, DEPTH, FACE_IN, GREEN, HIT, LEAF_IN, LEAF_OUT, RED, STRIDE, X, Y, kernel
+from .rows import BLUE, DEPTH, FACE_IN, FACE_OUT, GREEN, HIT, LEAF_IN, LEAF_OUT, RED, STRIDE, X, Y, kernel
 from .tree import FACE_STEP, LEAF_STEP, NOTHING, product_row
 
-ZERO = np.uint64(0)
+ZERO, ONE = np.uint64(0), np.uint64(1)
 
 
 @kernel
@@ -202,7 +202,7 @@ def add_quarters(s, cells, place, n, points, code):
             quarters[0, q] += 1.0
             quarters[1, q] += s[X + j]
             quarters[2, q] += s[Y + j]
-            quarters[3, q] += 1.0 / s[DEPTH + j]
+            quarters[3, q] += s[FACE_OUT + j]
     for q in range(4):
         many = quarters[0, q]
         if many > 0.0:
@@ -215,29 +215,35 @@ def add_quarters(s, cells, place, n, points, code):
 def gather_faces(work, cells, k, n, have, csg, camera, edges, plan):
     """Add the points that are shaded for n samples of the k-th pixel at hand; how many points and groups are then.
 
-    have : how many there are. Points go where add_point says.
+    have : how many there are. Points go where add_point says; FACE_OUT is one over DEPTH.
     """
-    s, codes, sums = work.row, cells.codes, cells.sums
+    s, codes = work.row, cells.codes
     points, groups = have
     share = 1.0 / n
-    faces = 0
-    for i in range(n):
-        j = np.uint64(k * n + i)
+    begin, end = np.uint64(k * n), np.uint64(k * n + n)
+    faces, left, first = 0, n, begin
+    while left > 0:
+        # The next face, and the middle of what is seen of it.
         f = 0
-        while f < faces and codes[f] != s[HIT + j]:
+        while f < faces:
             f += 1
-        if f == faces:
-            codes[f] = s[HIT + j]
-            sums[0, f], sums[1, f], sums[2, f], sums[3, f] = 0.0, 0.0, 0.0, 0.0
-            faces += 1
-        sums[0, f] += 1.0
-        sums[1, f] += s[X + j]
-        sums[2, f] += s[Y + j]
-        sums[3, f] += 1.0 / s[DEPTH + j]
-    for f in range(faces):
-        many, code = sums[0, f], codes[f]
+            if codes[f - 1] == s[HIT + first]:
+                first += ONE
+                f = 0
+        code = s[HIT + first]
+        codes[faces] = code
+        faces += 1
+        samples, x, y, nearness = 0, 0.0, 0.0, 0.0
+        for ray in range(first, end):
+            if s[HIT + ray] == code:
+                samples += 1
+                x += s[X + ray]
+                y += s[Y + ray]
+                nearness += s[FACE_OUT + ray]
+        left -= samples
+        many = 1.0 * samples
+        x, y, depth = x / many, y / many, many / nearness
         g, groups = group_of(cells, groups, code)
-        x, y, depth = sums[1, f] / many, sums[2, f] / many, many / sums[3, f]
         change = 0.0
         if code >= 0.0 and many > 1.0:
             change, _ = changes(code, x, y, depth, csg, camera, edges, plan)
@@ -271,6 +277,8 @@ def sample_tile(work, cells, sampled, products, tile, csg, camera, edges, materi
                 j = np.uint64(k * square + i)
                 s[X + j], s[Y + j] = x + cells.aside[i], y + cells.down[i]
         hit_pixels(work, (cells.sampled, begin, count), square, products, tile, csg, camera, plan)
+        for ray in range(ZERO, np.uint64(count * square)):
+            s[FACE_OUT + ray] = 1.0 / s[DEPTH + ray]
         have = np.int64(0), np.int64(0)
         for k in range(count):
             have = gather_faces(work, cells, k, square, have, csg, camera, edges, plan)
@@ -300,7 +308,6 @@ def smooth_tiles(share, csg, camera, edges, materials, plan, target, work):
         np.empty(STRIDE),
         np.empty(STRIDE, np.int64),
         np.empty(STRIDE),
-        np.empty((4, STRIDE)),
         np.empty(STRIDE),
         np.empty(STRIDE),
         np.empty(STRIDE, np.int64),
