@@ -30,8 +30,8 @@ INF = math.inf
 ONE, THREE = np.uint64(1), np.uint64(3)
 # What is known of a pixel: its centre stands for all samples; corners are to be asked; it takes all samples.
 SAME, DOUBT, ALL = range(3)
-# Several of the pixels beside it show another face.
-SEVERAL = 3
+# Several of the pixels beside it show another face, or only one beside a corner does.
+SEVERAL, SLANTED = 3, 4
 # Bends of less than this many times MOST_CURVED move the mean of a pixel by less than it: a kink in the middle by an
 # eighth of the change of slope, a curve by a twenty-fourth of its second derivatives. A shade that changes by less than
 # twice as much in all is taken in the middle of what is seen of its face: most of it does not bend.
@@ -84,7 +84,12 @@ def flag_row(row, tile, edges, target, cells):
         others += 1 if ((primitive[here, k + ONE] ^ p) | (face[here, k + ONE] ^ f)) != 0 else 0
         others += 1 if ((primitive[above, k] ^ p) | (face[above, k] ^ f)) != 0 else 0
         others += 1 if ((primitive[below, k] ^ p) | (face[below, k] ^ f)) != 0 else 0
-        flag[place + k - from_left] = SAME if others == 0 else DOUBT if others == 1 else SEVERAL
+        aside = (primitive[above, k - ONE] ^ p) | (face[above, k - ONE] ^ f)
+        aside |= (primitive[above, k + ONE] ^ p) | (face[above, k + ONE] ^ f)
+        aside |= (primitive[below, k - ONE] ^ p) | (face[below, k - ONE] ^ f)
+        aside |= (primitive[below, k + ONE] ^ p) | (face[below, k + ONE] ^ f)
+        alone = SAME if aside == 0 else SLANTED
+        flag[place + k - from_left] = alone if others == 0 else DOUBT if others == 1 else SEVERAL
     # Second differences of the three colours, one after another.
     c = target.radiance
     for k in range(THREE * first, THREE * end):
@@ -96,13 +101,19 @@ def flag_row(row, tile, edges, target, cells):
         if flag[j] == SEVERAL:
             # Most of these have corners that differ, where those are close to the border.
             flag[j] = ALL if bent_about(primitive, row, np.int64(k), edges) else DOUBT
-        if p < 0 or flag[j] != SAME:
+        if flag[j] != SAME and flag[j] != SLANTED:
             continue
         b = THREE * (k - from_left)
-        if bent[b] | bent[b + ONE] | bent[b + ONE + ONE]:
+        if p < 0:
+            flag[j] = SAME
+        elif bent[b] | bent[b + ONE] | bent[b + ONE + ONE]:
             flag[j] = ALL
-        elif edges.bent[p] and (slants(primitive, face, row, k) or turns(target.normal, row, k) > edges.narrow[p]):
+        elif flag[j] == SLANTED and edges.bent[p]:
+            # Where surfaces intersect, what is seen there may have a tip.
             flag[j] = DOUBT
+        else:
+            narrow = edges.narrow[p]
+            flag[j] = DOUBT if narrow < INF and turns(target.normal, row, k) > narrow else SAME
 
 
 @kernel
@@ -115,18 +126,6 @@ def bent_about(primitive, row, column, edges):
         if 0 <= r < height and 0 <= c < width:
             leaf = primitive[r, c]
             if leaf >= 0 and edges.bent[leaf]:
-                return True
-    return False
-
-
-@kernel
-def slants(primitive, face, row, column):
-    """Whether a pixel beside one's corner shows another face: that may have a tip where surfaces intersect."""
-    height = primitive.shape[0]
-    p, f = primitive[row, column], face[row, column]
-    for r in range(max(row - 1, 0), min(row + 2, height)):
-        for c in (column - ONE, column + ONE):
-            if primitive[r, c] != p or face[r, c] != f:
                 return True
     return False
 
