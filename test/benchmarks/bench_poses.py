@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 from batches import add_batch_options, one_process, run_batch
+from hidden_poses import HIDDEN, hidden_names, hidden_pair
 from measure import Absent, Measurement
 from pose_scoring import Search, add_witness, drawing, row_of, score_search, summary
 from rendered_poses import RENDERED, rendered_pair, view_names
@@ -42,6 +43,8 @@ from stereo_recovery.pipeline import warm_up as warm_up_recovery
 HERE = Path(__file__).resolve().parent
 REAL_POSED = ('openvgr', 'visp_cube', 'teabox')
 DEFAULT = (*REAL_POSED, *PHOTOREAL_KINDS, RENDERED)
+# Families that need no data.
+MADE = (RENDERED, HIDDEN)
 # Real families with pictures of their own: the tags stand in those of the cube.
 NEGATIVES = ('openvgr', 'visp_cube', 'teabox', 'chessboards', 'middlebury')
 # Pairs of each family that every part is asked for in.
@@ -72,7 +75,8 @@ def run(
 ) -> list[dict[str, Any]]:
     """A row a pair, see :func:`pose_scoring.row_of`. Families without known parts have none.
 
-    seeds : of the noise of each rendered view; options : of :func:`batches.add_batch_options`
+    seeds : of the noise of each rendered view, and scenes of each hidden model; options : of
+    :func:`batches.add_batch_options`
     """
     stored = [family for family in families if family in READERS]
     # Rendered pairs need no data.
@@ -84,6 +88,8 @@ def run(
     if RENDERED in families:
         views = [f'{name} {seed}' for name in view_names() for seed in range(seeds)]
         jobs |= {name: _PairJob(folder, RENDERED, name, together, draw, search, False) for name in views}
+    if HIDDEN in families:
+        jobs |= {name: _PairJob(folder, HIDDEN, name, together, draw, search, False) for name in hidden_names(seeds)}
     return list(run_batch(_row, jobs, options or one_process(), 'pairs', _ready).values())
 
 
@@ -103,6 +109,8 @@ def _row(job: _PairJob) -> dict[str, Any]:
     if job.family == RENDERED:
         name, seed = job.name.rsplit(' ', 1)
         posed = rendered_pair(name, int(seed))
+    elif job.family == HIDDEN:
+        posed = hidden_pair(job.name)
     else:
         posed = posed_pair(job.folder, load_pair(job.folder, job.family, job.name))
     if job.absent:
@@ -226,7 +234,7 @@ rec ms: recovery of a pair, median"""
 def summaries(rows: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
     """Of all that is not rendered, of the photo-real ones together, and by family."""
     result = {}
-    stored = [row for row in rows if row['family'] != RENDERED]
+    stored = [row for row in rows if row['family'] not in MADE]
     if len({row['family'] for row in stored}) > 1:
         result['all'] = summary(stored)
     photoreal = [row for row in rows if row['family'] in PHOTOREAL_KINDS]
@@ -313,14 +321,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         '--families',
         nargs='+',
-        help="names, photoreal, real, all, rendered (the thesis' views); default: all with poses",
+        help="names, photoreal, real, all, rendered (the thesis' views), hidden (three tenths of each, among clutter); "
+        'default: all with poses but hidden',
     )
     parser.add_argument('--scenes', nargs='+', help='pairs whose names begin so')
     parser.add_argument('--quick', action='store_true', help='nine pairs of all families')
     parser.add_argument('--held', action='store_true', help='with the pairs that are kept for the end')
     parser.add_argument('--together', action='store_true', help='all parts of a pair in one search')
     parser.add_argument('--negatives', action='store_true', help='only parts that are not there, all there are')
-    parser.add_argument('--seeds', type=int, default=2, metavar='N', help='of the noise, for each rendered view')
+    parser.add_argument('--seeds', type=int, default=2, metavar='N', help='of each rendered view, and hidden model')
     parser.add_argument('--limit', type=int, default=LIMIT, metavar='N', help='with --negatives: pairs of each family')
     parser.add_argument('--images', choices=('on', 'off'), default='on', help='whether the search looks at the images')
     parser.add_argument('--draw', type=Path, metavar='FOLDER', help='both images with the parts where they were found')
@@ -330,7 +339,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     try:
         given = options.families or (NEGATIVES if options.negatives else DEFAULT)
-        families = [*families_of([f for f in given if f != RENDERED]), *(f for f in given if f == RENDERED)]
+        families = [*families_of([f for f in given if f not in MADE]), *(f for f in given if f in MADE)]
     except ValueError as error:
         parser.error(str(error))
     scenes = list(QUICK) if options.quick else options.scenes

@@ -15,7 +15,7 @@ from model_matcher import MatchParams, index_model, match
 from model_matcher.image_pose.alignment import Placed
 from model_matcher.image_pose.measurement import drawn_in, measure_pose, presence
 from model_matcher.image_pose.model_error import FIRST_ERROR, fitted_model_error
-from model_matcher.image_pose.presence import Chance, bent, log_ratio
+from model_matcher.image_pose.presence import Chance, behind_screens, bent, log_ratio
 from model_matcher.image_pose.profiles import Quality, Stretches, find_steps, fit_steps
 from model_matcher.image_pose.settings import BESIDE, CANDIDATES, FIRST_WALK, FLANK, WALKS
 from model_matcher.image_pose.sight import look, same_curves
@@ -268,6 +268,63 @@ def test_an_edge_in_space_is_one_coincidence_in_however_many_images():
     assert log_ratio((group < 9).astype(np.int8), group, group % 9, straight[:9], chance) < 0.0
     # And another circle at the place of a circle is rare.
     assert log_ratio(found, group, group % 9, ~straight[:9], chance) > 1.3 * twice
+
+
+def parallels(curves=12, points=20, views=2):
+    """Level lines below one another, in views one beside the other; points, curves and views of each."""
+    view, line, k = (x.ravel() for x in np.meshgrid(*map(np.arange, (views, curves, points)), indexing='ij'))
+    pixel = np.column_stack([4.0 * k + 300.0 * view, 10.0 * line]).astype(float)
+    group = (view * curves + line).astype(np.int32)
+    n = len(group)
+    zeros = np.zeros
+    placed = Placed(
+        zeros((n, 3)),
+        view.astype(np.int32),
+        pixel,
+        np.tile([0.0, 1.0], (n, 1)),
+        group,
+        line.astype(np.int32),
+        zeros(n),
+        zeros((n, 6)),
+    )
+    return placed, zeros(curves, bool)
+
+
+@pytest.mark.parametrize('angle', [0.5 * np.pi, 0.4, 1.3, 2.2, 3.6, 5.0])
+def test_what_is_hidden_together_speaks_less_against_an_outline(angle):
+    """A screen's edge in any direction, two fifths of the outline in sight, against as much seen here and there."""
+    chance = Chance(0.2, 0.4, 0.25, 0.1, (0.2, 0.05))
+    placed, straight = parallels()
+    across = placed.pixel @ [np.cos(angle), np.sin(angle)]
+    found = np.zeros(len(across), np.int8)
+    for eye in (0, 1):
+        mine = placed.eye == eye
+        found[mine] = across[mine] < np.quantile(across[mine], 0.4)
+    alone = log_ratio(found, placed.group, placed.curve, straight, chance)
+    assert behind_screens(placed, found, straight, chance) > alone + 1.0
+    rng = np.random.default_rng(3)
+    some = rng.permutation(12)[:5]
+    scattered = np.isin(placed.curve, some).astype(np.int8)
+    assert behind_screens(placed, scattered, straight, chance) < log_ratio(
+        scattered, placed.group, placed.curve, straight, chance
+    )
+
+
+def test_chance_brings_no_evidence_of_an_outline_behind_a_screen():
+    """A likelihood ratio has mean 1 where there is nothing, and exceeds t with chance 1 / t at most."""
+    chance = Chance(0.2, 0.4, 0.25, 0.0, (0.0, 0.0))
+    placed, straight = parallels(curves=6, points=10)
+    rng = np.random.default_rng(5)
+    ratios = []
+    for _ in range(3000):
+        found = np.empty(len(placed.group), np.int8)
+        for k in range(len(found)):
+            linked = k > 0 and placed.group[k] == placed.group[k - 1]
+            by_chance = (chance.after_one if found[k - 1] else chance.after_none) if linked else chance.first
+            found[k] = rng.random() < by_chance
+        ratios.append(np.exp(behind_screens(placed, found, straight, chance)))
+    assert np.mean(ratios) < 1.2
+    assert np.mean(np.array(ratios) > 20.0) < 1.0 / 20.0
 
 
 def test_straight_curves_are_told_from_others():

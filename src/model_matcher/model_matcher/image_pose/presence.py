@@ -31,6 +31,8 @@ from .settings import (
     PRIOR_ALIGNED,
     PRIOR_CHANCES,
     REVEALED,
+    SCREEN_DIRECTIONS,
+    SCREENS,
     SEEN_STEP,
     STOPS,
 )
@@ -323,12 +325,126 @@ def log_ratio(found: Int8Array, group: Int32Array, curve: Int32Array, is_bent: B
     edge, apart = over_views(found, group, curve, chance)
     parts = np.zeros(len(HIDDEN))
     for c in range(len(is_bent)):
-        others = _either(chance.in_space[1 if is_bent[c] else 0], edge[c], apart[c])
+        in_space = chance.in_space[1 if is_bent[c] else 0]
         for p in range(len(HIDDEN)):
-            parts[p] += _either(1.0 - HIDDEN[p], edge[c], others) - others
-    top = parts.max()
-    ratio: float = top + math.log(np.exp(parts - top).mean())
+            parts[p] += _against_others(edge[c], apart[c], 1.0 - HIDDEN[p], in_space)
+    ratio: float = _log_mean(parts)
     return ratio
+
+
+@njit(nogil=True)
+def _against_others(edge: float, apart: float, in_sight: float, in_space: float) -> float:
+    """Log-likelihood ratio of one curve of :func:`over_views`, which chance has in sight, against others' edges."""
+    others = _either(in_space, edge, apart)
+    ratio: float = _either(in_sight, edge, others) - others
+    return ratio
+
+
+@njit(nogil=True)
+def _log_mean(logarithms: FloatArray) -> float:
+    """Logarithm of the mean of what has logarithms (n,)."""
+    top = logarithms.max()
+    mean: float = top + math.log(np.exp(logarithms - top).mean())
+    return mean
+
+
+@njit(nogil=True)
+def _begins(number: Int32Array) -> Int32Array:
+    """Where runs of one number begin, and the end of the last, (m + 1,)."""
+    begin = [0]
+    for k in range(1, len(number)):
+        if number[k] != number[k - 1]:
+            begin.append(k)
+    begin.append(len(number))
+    return np.array(begin, np.int32)
+
+
+@njit(nogil=True)
+def _beyond(placed: Placed, angle: float, out: Int8Array) -> None:
+    """Beyond how many of SCREENS screens of one direction each point lies, (n,), filled.
+
+    The screens of a view part what it sees evenly, so that they follow the shift of what stands in front.
+    """
+    along, down = math.cos(angle), math.sin(angle)
+    begin = _begins(placed.eye)
+    for view in range(len(begin) - 1):
+        low, high = math.inf, -math.inf
+        for k in range(begin[view], begin[view + 1]):
+            across = placed.pixel[k, 0] * along + placed.pixel[k, 1] * down
+            low, high = min(low, across), max(high, across)
+        steps = (SCREENS + 1) / max(high - low, NOT_ZERO)
+        for k in range(begin[view], begin[view + 1]):
+            across = placed.pixel[k, 0] * along + placed.pixel[k, 1] * down
+            out[k] = min(int((across - low) * steps), SCREENS)
+
+
+@njit(nogil=True)
+def behind_screens(placed: Placed, found: Int8Array, is_bent: BoolArray, chance: Chance) -> float:
+    """Log-likelihood ratio of confirmations as :func:`log_ratio` has it, where something straight stands in front.
+
+    Of a curve that chance hides something has to be said by itself; what lies beyond the edge of another object is
+    hidden together. Beyond it nothing is said, on this side little is hidden.
+
+    Parameters
+    ----------
+    placed : Placed
+        n points.
+    found : (n,) int8
+        See :func:`confirmations`; what is negative says nothing.
+    is_bent : (c,) bool
+        See :func:`bent`.
+    chance : Chance
+
+    Returns
+    -------
+    float
+        Nats; the mean over where it stands.
+    """
+    begin = _begins(placed.group)
+    groups, curves = len(begin) - 1, len(is_bent)
+    curve, whole = placed.curve[begin[:-1]], np.empty((groups, 2))
+    edge, apart, ratio = np.zeros(curves), np.zeros(curves), np.empty(curves)
+    for g in range(groups):
+        whole[g, 0], none = _along_curve(found[begin[g] : begin[g + 1]], chance)
+        whole[g, 1] = _either(chance.aligned, whole[g, 0], none)
+        edge[curve[g]] += whole[g, 0]
+        apart[curve[g]] += whole[g, 1]
+    for c in range(curves):
+        ratio[c] = _against_others(edge[c], apart[c], 1.0 - HIDDEN[0], chance.in_space[1 if is_bent[c] else 0])
+    beyond, seen = np.empty(len(found), np.int8), found.copy()
+    first, last = np.empty(groups, np.int8), np.empty(groups, np.int8)
+    is_cut, is_seen = np.empty(curves, np.bool_), np.empty(curves, np.bool_)
+    parts = np.empty((SCREEN_DIRECTIONS, SCREENS))
+    for direction in range(SCREEN_DIRECTIONS):
+        _beyond(placed, direction * 2.0 * math.pi / SCREEN_DIRECTIONS, beyond)
+        for g in range(groups):
+            first[g], last[g] = beyond[begin[g] : begin[g + 1]].min(), beyond[begin[g] : begin[g + 1]].max()
+        for screen in range(SCREENS):
+            is_cut[:], is_seen[:], edge[:], apart[:] = False, False, 0.0, 0.0
+            for g in range(groups):
+                is_cut[curve[g]] |= last[g] > screen
+                is_seen[curve[g]] |= first[g] <= screen
+            for g in range(groups):
+                if not is_cut[curve[g]] or first[g] > screen:
+                    continue
+                both, by_chance = whole[g, 0], whole[g, 1]
+                if last[g] > screen:
+                    for k in range(begin[g], begin[g + 1]):
+                        seen[k] = -1 if beyond[k] > screen else found[k]
+                    both, none = _along_curve(seen[begin[g] : begin[g + 1]], chance)
+                    by_chance = _either(chance.aligned, both, none)
+                edge[curve[g]] += both
+                apart[curve[g]] += by_chance
+            total = 0.0
+            for c in range(curves):
+                if not is_cut[c]:
+                    total += ratio[c]
+                elif is_seen[c]:
+                    in_space = chance.in_space[1 if is_bent[c] else 0]
+                    total += _against_others(edge[c], apart[c], 1.0 - HIDDEN[0], in_space)
+            parts[direction, screen] = total
+    mean: float = _log_mean(parts.ravel())
+    return mean
 
 
 @njit(nogil=True)
@@ -368,5 +484,6 @@ def shown_outline(
         if other:
             found[k] = -1
     is_bent = bent(placed.point, placed.curve, limb)
-    ratio = log_ratio(found, placed.group, placed.curve, is_bent, chance)
+    alone = log_ratio(found, placed.group, placed.curve, is_bent, chance)
+    ratio = _either(0.5, alone, behind_screens(placed, found, is_bent, chance))
     return ratio, confirmed / inside if inside > 0.0 else 0.0, found
