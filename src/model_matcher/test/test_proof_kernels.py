@@ -20,6 +20,7 @@ from model_matcher.proof.arc_consistency import _angle_bins, _by_angle, pair_tes
 from model_matcher.proof.feasibility import (
     ALONG,
     BLOCKS,
+    FEASIBLE,
     FIRST_END,
     INFEASIBLE,
     SECOND_END,
@@ -43,11 +44,13 @@ from model_matcher.proof.feasibility import (
     add_steadiest,
     can_join,
     common_pose,
+    deviations,
     first_variances,
     infeasible_subset,
     least_squares_pose,
     narrow,
     refute,
+    search_rotations,
 )
 from model_matcher.proof.settings import ANGLES
 from model_matcher.proof.spares import Groups
@@ -472,3 +475,30 @@ class TestRevising:
         assert offset_slack(rel, margins, 0, 1) == pytest.approx(expected, abs=1e-12)
         wide = margins_of(data, np.tile([ACROSS, BESIDE, 0.6], (2, 1)))
         assert offset_slack(rel, wide, 0, 1) == np.inf, 'they may be parallel'
+
+
+@pytest.mark.parametrize('axis', [0, 1, 2])
+def test_a_pose_that_the_parts_of_a_region_hold_is_given_back(axis):
+    """The data are the model turned by 0.4 about one axis: where the search begins, nothing fits."""
+    true = np.r_[Rotation.from_rotvec(0.4 * np.eye(3)[axis]).as_matrix().ravel(), 0.02, -0.01, 0.5]
+    sample = corner(axis)
+    data = sample.data.copy()
+    for k in range(3):
+        data[k, :3] = true[:9].reshape(3, 3) @ sample.model[k, :3] + true[9:]
+        data[k, 3:6] = true[:9].reshape(3, 3) @ sample.model[k, 3:6]
+    turned = Sample(data, sample.kinds, sample.tolerances, sample.model)
+    all_three = np.arange(3)
+    motion = STILL.copy()
+    assert deviations(motion, all_three, all_three, turned).max() > 1.0
+    assert search_rotations(motion, 0.6, all_three, all_three, turned) == FEASIBLE
+    assert deviations(motion, all_three, all_three, turned).max() <= 1.0 + 1e-9
+
+
+def test_no_part_of_a_region_holds_what_has_other_angles():
+    """One of three edges stands 0.5 askew to what the model has, and cones are 0.12."""
+    sample = corner(3)
+    data = sample.data.copy()
+    data[2, 3:6] = Rotation.from_rotvec([0.5, 0.0, 0.0]).apply(data[2, 3:6])
+    askew = Sample(data, sample.kinds, sample.tolerances, sample.model)
+    all_three = np.arange(3)
+    assert search_rotations(STILL.copy(), 0.6, all_three, all_three, askew) == INFEASIBLE
