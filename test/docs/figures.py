@@ -135,8 +135,20 @@ def found_in_pictures() -> str:
                 _near(with_) + (f' ({_near(off)})' if off['deg'] is not None else ''),
             ]
         )
+    hidden = read('poses_hidden')
+    figures = hidden.figures['hidden']
+    rows.append(
+        [
+            f'30 % of a part among 80 % of other things, rendered, {figures["pairs"]} pairs',
+            f'{figures["found"]} of {figures["to_find"]}',
+            str(figures['wrong'] + figures['twice']),
+            f'{figures["false"]} of {figures["absent"]}',
+            _near(figures),
+        ]
+    )
     head = ['found', 'wrong', 'absent, answered', 'turned by, off by (medians)']
-    return f'{table(head, rows)}\n\n{paragraph(f"{record.source}; in brackets {without.source}.")}'
+    sources = f'{record.source}; hidden ones {hidden.source}; in brackets {without.source}.'
+    return f'{table(head, rows)}\n\n{paragraph(sources)}'
 
 
 def _near(figures: dict[str, Any]) -> str:

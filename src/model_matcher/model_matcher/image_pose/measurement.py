@@ -43,6 +43,7 @@ from .settings import (
     POSE_UNKNOWNS,
     QUALITY_POINTS,
     REACH,
+    SCREENED,
     SHOWN,
     SIGNIFICANT,
     SPACING,
@@ -247,16 +248,20 @@ def presence(shape: Shape, pose: Pose, views: Views, spacing: float = SPACING) -
 
 
 def shown(
-    sight: Sight, views: Views, in_space: tuple[float, float] = OTHERS_EDGES, steps: Steps | None = None
+    sight: Sight,
+    views: Views,
+    in_space: tuple[float, float] = OTHERS_EDGES,
+    steps: Steps | None = None,
+    screened: float = SCREENED,
 ) -> tuple[Presence, Steps]:
     """Whether images show an outline where it is drawn, and the steps about it; see :func:`presence`.
 
-    in_space : see :class:`.presence.Chance`; steps : those along the normals, where they are known
+    in_space, screened : see :func:`.presence.shown_outline`; steps : those along the normals, where they are known
     """
     steps = searched(sight, views, REACH + 1) if steps is None else steps
     if not len(sight):
         return Presence(-np.inf, 0.0, sight, np.zeros(0, np.int8)), steps
-    ratio, support, found = shown_outline(sight.placed, sight.spacing, sight.limb, steps, in_space)
+    ratio, support, found = shown_outline(sight.placed, sight.spacing, sight.limb, steps, in_space, screened)
     return Presence(ratio, support, sight, found), steps
 
 

@@ -32,6 +32,7 @@ from .settings import (
     PRIOR_CHANCES,
     REVEALED,
     SCREEN_DIRECTIONS,
+    SCREENED,
     SCREENS,
     SEEN_STEP,
     STOPS,
@@ -363,19 +364,22 @@ def _begins(number: Int32Array) -> Int32Array:
 def _beyond(placed: Placed, angle: float, out: Int8Array) -> None:
     """Beyond how many of SCREENS screens of one direction each point lies, (n,), filled.
 
-    The screens of a view part what it sees evenly, so that they follow the shift of what stands in front.
+    They leave as much of the outline's width as HIDDEN does, evenly, in every view, so that they follow the shift of
+    what stands in front.
     """
     along, down = math.cos(angle), math.sin(angle)
+    least = 1.0 - HIDDEN[-1]
+    steps = (SCREENS - 1) / (HIDDEN[-1] - HIDDEN[0])
     begin = _begins(placed.eye)
     for view in range(len(begin) - 1):
         low, high = math.inf, -math.inf
         for k in range(begin[view], begin[view + 1]):
             across = placed.pixel[k, 0] * along + placed.pixel[k, 1] * down
             low, high = min(low, across), max(high, across)
-        steps = (SCREENS + 1) / max(high - low, NOT_ZERO)
+        size = max(high - low, NOT_ZERO)
         for k in range(begin[view], begin[view + 1]):
-            across = placed.pixel[k, 0] * along + placed.pixel[k, 1] * down
-            out[k] = min(int((across - low) * steps), SCREENS)
+            across = (placed.pixel[k, 0] * along + placed.pixel[k, 1] * down - low) / size
+            out[k] = min(max(math.ceil((across - least) * steps), 0), SCREENS)
 
 
 @njit(nogil=True)
@@ -449,7 +453,12 @@ def behind_screens(placed: Placed, found: Int8Array, is_bent: BoolArray, chance:
 
 @njit(nogil=True)
 def shown_outline(
-    placed: Placed, spacing: FloatArray, limb: FloatArray, steps: Steps, in_space: tuple[float, float]
+    placed: Placed,
+    spacing: FloatArray,
+    limb: FloatArray,
+    steps: Steps,
+    in_space: tuple[float, float],
+    screened: float = SCREENED,
 ) -> tuple[float, float, Int8Array]:
     """What images show of an outline.
 
@@ -463,6 +472,8 @@ def shown_outline(
         Found along their normals, as :func:`chance_beside` needs them.
     in_space : tuple of float
         See :class:`Chance`.
+    screened : float
+        Chance that something straight stands in front.
 
     Returns
     -------
@@ -484,6 +495,7 @@ def shown_outline(
         if other:
             found[k] = -1
     is_bent = bent(placed.point, placed.curve, limb)
-    alone = log_ratio(found, placed.group, placed.curve, is_bent, chance)
-    ratio = _either(0.5, alone, behind_screens(placed, found, is_bent, chance))
+    ratio = log_ratio(found, placed.group, placed.curve, is_bent, chance)
+    if screened > 0.0:
+        ratio = _either(screened, behind_screens(placed, found, is_bent, chance), ratio)
     return ratio, confirmed / inside if inside > 0.0 else 0.0, found

@@ -96,9 +96,11 @@ REVEALED = 0.1
 OTHERS_EDGES = (0.23, 0.06)
 # Shares of an outline that may be hidden, equally likely.
 HIDDEN = (0.1, 0.3, 0.5, 0.7)
-# Directions of the edge of what may stand in front, and how many places for each that part an outline evenly: so that
-# the nearest is off by less than a curve of most models.
+# Directions of the edge of what may stand in front, and its places for each, a tenth of an outline's width apart: the
+# nearest is off by less than a curve of most models.
 SCREEN_DIRECTIONS, SCREENS = 12, 7
+# Chance that something straight stands in front of what is looked for: even.
+SCREENED = 0.5
 # Pixels, the outline's errors that are believed at first: large, so that no curve is left out before they are known.
 FIRST_CURVE_ERROR = 0.5
 FIRST_POINT_ERROR = 0.25

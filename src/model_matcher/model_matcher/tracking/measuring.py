@@ -17,7 +17,7 @@ from ..image_pose.neighbours import may_hide
 from ..image_pose.settings import DRAWN_IN, FARTHEST_STEP, FEWEST_POINTS, NEAR, REACH, SPACING
 from ..image_pose.sight import Outline, Shape, Sight, drawn
 from ..image_pose.views import Views
-from .settings import ASKED, OTHERS_EDGES, ROUNDS
+from .settings import ASKED, OTHERS_EDGES, ROUNDS, SCREENED
 
 # Of a matrix of middle and turn (6, 6), that of turn and middle.
 TURN_FIRST = np.ix_([3, 4, 5, 0, 1, 2], [3, 4, 5, 0, 1, 2])
@@ -87,8 +87,8 @@ def searched_for(
         moved = ((there.placed.pixel - sight.placed.pixel) * sight.placed.normal).sum(axis=1)
         if np.abs(moved).max(initial=0.0) <= ASKED - REACH - 1:
             steps = steps._replace(offset=steps.offset - moved[:, None])
-            return Place(motion, *shown(there, views, OTHERS_EDGES, steps))
-    return Place(motion, *shown(there, views, OTHERS_EDGES))
+            return Place(motion, *shown(there, views, OTHERS_EDGES, steps, SCREENED))
+    return Place(motion, *shown(there, views, OTHERS_EDGES, screened=SCREENED))
 
 
 def _own(steps: Steps, sight: Sight, motion: FloatArray, views: Views) -> Steps:

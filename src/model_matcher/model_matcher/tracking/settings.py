@@ -73,3 +73,6 @@ WEAK = 30.0
 # Shares of the straight curves of an outline, and of its others, that lie on edges, in space, of other things once the
 # object has gone: it was predicted, and not thought of from edges.
 OTHERS_EDGES = (0.001, 0.001)
+# Chance that something came in front between two frames and hides a part all at once: what comes, comes in pieces, and
+# an object of which little is seen any more is not followed.
+SCREENED = 0.0
