@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 
 import pytest
 
 from msgs_py.numeric import threads
-from msgs_py.numeric.threads import spread, together
+from msgs_py.numeric.threads import begin, spread, together
 
 
 @pytest.fixture(autouse=True)
 def _two_processors(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(threads.os, 'cpu_count', lambda: 2)
+    monkeypatch.setattr(threads, 'cores', lambda: 2)
 
 
 @pytest.mark.parametrize('count', [0, 1, 2, 3, 7])
@@ -32,6 +33,23 @@ def test_threads_are_kept() -> None:
     for _ in range(1000):
         spread(lambda number: used.add(threading.get_native_id()), range(2))
     assert len(used) <= 2
+
+
+def test_what_is_begun_one_after_another_has_one_thread():
+    """As a node's work on one message after the other; what is begun meanwhile has a thread of its own."""
+    threads._idle.clear()
+    used: list[int] = []
+    for _ in range(100):
+        done = threading.Event()
+        begin(lambda done=done: (used.append(threading.get_native_id()), done.set()))
+        assert done.wait(10.0)
+        while not threads._idle:  # it says so a moment before it waits again
+            time.sleep(0.0)
+    assert len(set(used)) == 1
+    meeting, both = threading.Barrier(2, timeout=10.0), threading.Barrier(3, timeout=10.0)
+    for _ in range(2):
+        begin(lambda: (meeting.wait(), both.wait()))
+    both.wait()
 
 
 @pytest.mark.parametrize('item', [0, 1])

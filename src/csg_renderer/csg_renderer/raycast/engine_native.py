@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from functools import lru_cache, partial
+from collections.abc import Sequence
+from concurrent.futures import Future
+from functools import partial
 from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from msgs_py.numeric.threads import cores, spread
 from msgs_py.numeric.typed import ByteArray, FloatArray
 
 from ..scene.scene import Scene
@@ -61,7 +61,7 @@ def render_views(
     if flat is None:
         flat = _flattened[program] = flatten(program)
     threads = min(
-        options.threads or _cores(), max(1, min(view.camera.height for view in views) // LEAST_ROWS_PER_THREAD)
+        options.threads or cores(), max(1, min(view.camera.height for view in views) // LEAST_ROWS_PER_THREAD)
     )
     stop = stop or Stop()
     jobs = [_Job(flat, view, options, threads, stop) for view in views]
@@ -70,14 +70,15 @@ def render_views(
             stop.share(work.counts[3:])
     if len(jobs) == 1:
         jobs[0].begin()
-    _each_thread(threads, _Queue(jobs, threads).work)
+    every = range(threads)
+    spread(_Queue(jobs, threads).work, every, threads)
     for job in jobs:
         if job.sparse:
-            _each_thread(threads, partial(job.refine, threads))
+            spread(partial(job.refine, threads), every, threads)
         if options.adaptive:
             # Colours are not changed before all is decided.
-            _each_thread(threads, partial(job.mark, threads))
-            _each_thread(threads, partial(job.smooth, threads))
+            spread(partial(job.mark, threads), every, threads)
+            spread(partial(job.smooth, threads), every, threads)
     stop.check()
     for job in jobs:
         counts = np.sum([work.counts for work in job.works], axis=0)
@@ -295,25 +296,3 @@ def _surface_workspace(flat: FlatProgram, view: View, options: RenderOptions) ->
     rays = options.samples + 4 * options.levels + 4
     casting = _casting_workspace(flat, view, options, SURFACE_BATCH_PARTS, np.empty((1, RAY_PARTS)), 1)
     return SurfaceRayWorkspace(casting, np.empty((rays * STRIDE, SURFACE_RAY_PARTS)), options.samples, surfaces)
-
-
-def _cores() -> int:
-    return max(1, len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count() or 1)
-
-
-@lru_cache(maxsize=1)
-def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max_workers=_cores(), thread_name_prefix='csg_renderer')
-
-
-# A forked child has none of these threads.
-if hasattr(os, 'register_at_fork'):
-    os.register_at_fork(after_in_child=_pool.cache_clear)
-
-
-def _each_thread(threads: int, task: Callable[[int], object]) -> None:
-    """task(k) for every thread; the kernels let go of the interpreter lock. This thread does the first share."""
-    others = [_pool().submit(task, k) for k in range(1, threads)]
-    task(0)
-    for other in others:
-        other.result()

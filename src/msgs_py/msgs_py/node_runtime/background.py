@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import _thread
 import threading
 from collections.abc import Callable
 from typing import Generic, TypeVar
+
+from ..numeric.threads import begin
 
 T = TypeVar('T')
 
@@ -34,8 +35,7 @@ class Background(Generic[T]):
         self._values: list[T] = []
         self._error: BaseException | None = None
         self._ended = threading.Event()
-        # A process that is told to end does not wait for it; nor does who begins it until it runs, as with Thread.
-        _thread.start_new_thread(self._run, ())
+        begin(self._run)
 
     @property
     def done(self) -> bool:

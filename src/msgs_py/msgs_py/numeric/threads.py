@@ -6,10 +6,13 @@ image some 900 bytes which it does not take back, 20 MB in 10,000 pairs of image
 
 from __future__ import annotations
 
+import _thread
 import os
+from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
+from queue import SimpleQueue
 from typing import TypeVar
 
 from .deadline import Deadline
@@ -21,17 +24,46 @@ First = TypeVar('First')
 Second = TypeVar('Second')
 
 
+# Of each thread that :func:`begin` keeps and that has nothing to do, where it waits for more.
+_idle: deque[SimpleQueue[Callable[[], object]]] = deque()
+
+
 @lru_cache(maxsize=1)
 def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix='beside')
+    return ThreadPoolExecutor(cores(), thread_name_prefix='beside')
 
 
 # A forked child has none of these threads.
 if hasattr(os, 'register_at_fork'):
     os.register_at_fork(after_in_child=_pool.cache_clear)
+    os.register_at_fork(after_in_child=_idle.clear)
 
 
-def spread(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+def cores() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count() or 1
+
+
+def begin(work: Callable[[], object]) -> None:
+    """Begin work in a thread that does nothing else, and return at once.
+
+    A process that is told to end does not wait for it; nor does who begins it until it runs, as with threading.Thread.
+    """
+    try:
+        waiting = _idle.pop()
+    except IndexError:
+        waiting = SimpleQueue()
+        _thread.start_new_thread(_serve, (waiting,))
+    waiting.put(work)
+
+
+def _serve(waiting: SimpleQueue[Callable[[], object]]) -> None:
+    while True:
+        waiting.get()()
+        _idle.append(waiting)
+
+
+def spread(work: Callable[[Item], Result], items: Sequence[Item], most: int | None = None) -> list[Result]:
     """Do work on several items at once.
 
     Parameters
@@ -39,6 +71,8 @@ def spread(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result
     work : callable
         It should release the interpreter lock for most of its time.
     items : sequence
+    most : int, optional
+        Threads, at most; without it so many as are of use. There are never more than :func:`cores`.
 
     Returns
     -------
@@ -56,7 +90,7 @@ def spread(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result
     [1, 4, 9]
 
     """
-    workers = _workers(len(items))
+    workers = _workers(len(items), most)
     if workers < 2:
         return [work(item) for item in items]
     results: list[Result | None] = [None] * len(items)
@@ -114,5 +148,5 @@ def spread_until(work: Callable[[Item, float], Result], items: Sequence[Item], d
     return spread(in_time, range(len(items)))
 
 
-def _workers(items: int) -> int:
-    return min(THREADS, os.cpu_count() or 1, items)
+def _workers(items: int, most: int | None = None) -> int:
+    return min(most or THREADS, cores(), items)
