@@ -13,26 +13,34 @@ from .settings import BESIDE, FLANK, LEAST_FLANK, OWN_STEP, PARALLEL
 
 
 @njit(nogil=True)
+def begins(number: Int32Array) -> Int32Array:
+    """Where each run of one number (n,) begins, and the end of the last, (m + 1,)."""
+    begin = np.empty(len(number) + 1, np.int32)
+    count = 0
+    for k in range(len(number)):
+        if k == 0 or number[k] != number[k - 1]:
+            begin[count] = k
+            count += 1
+    begin[count] = len(number)
+    return begin[: count + 1]
+
+
+@njit(nogil=True)
 def curve_boxes(placed: Placed) -> tuple[Int32Array, FloatArray]:
     """Where each curve begins among the points, and the end of the last (c + 1,), and the boxes of their pixels (c, 4).
 
     A box is the least u and v, and the greatest.
     """
-    n = len(placed.group)
-    begin, box = np.empty(n + 1, np.int32), np.empty((n, 4))
-    count = 0
-    for k in range(n):
-        u, v = placed.pixel[k, 0], placed.pixel[k, 1]
-        if k == 0 or placed.group[k] != placed.group[k - 1]:
-            begin[count] = k
-            box[count, 0], box[count, 1], box[count, 2], box[count, 3] = u, v, u, v
-            count += 1
-        else:
-            c = count - 1
+    begin = begins(placed.group)
+    box = np.empty((len(begin) - 1, 4))
+    for c in range(len(box)):
+        u, v = placed.pixel[begin[c], 0], placed.pixel[begin[c], 1]
+        box[c, 0], box[c, 1], box[c, 2], box[c, 3] = u, v, u, v
+        for k in range(begin[c] + 1, begin[c + 1]):
+            u, v = placed.pixel[k, 0], placed.pixel[k, 1]
             box[c, 0], box[c, 1] = min(box[c, 0], u), min(box[c, 1], v)
             box[c, 2], box[c, 3] = max(box[c, 2], u), max(box[c, 3], v)
-    begin[count] = n
-    return begin[: count + 1], box[:count]
+    return begin, box
 
 
 @njit(nogil=True)

@@ -20,7 +20,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int8Array, Int32Array
 
 from .alignment import Placed, Steps
-from .neighbours import beside_box, curve_boxes
+from .neighbours import begins, beside_box, curve_boxes
 from .settings import (
     CONTROLS,
     HIDDEN,
@@ -291,15 +291,19 @@ def over_views(found: Int8Array, group: Int32Array, curve: Int32Array, chance: C
     """
     most = curve.max() + 1 if len(curve) else 0
     edge, apart = np.zeros(most), np.zeros(most)
-    start = 0
-    for k in range(1, len(found) + 1):
-        if k < len(found) and group[k] == group[start]:
-            continue
-        runs, none = _along_curve(found[start:k], chance)
-        edge[curve[start]] += runs
-        apart[curve[start]] += _either(chance.aligned, runs, none)
-        start = k
+    begin = begins(group)
+    for g in range(len(begin) - 1):
+        runs, mixed = _in_view(found[begin[g] : begin[g + 1]], chance)
+        edge[curve[begin[g]]] += runs
+        apart[curve[begin[g]]] += mixed
     return edge, apart
+
+
+@njit(nogil=True)
+def _in_view(found: Int8Array, chance: Chance) -> tuple[float, float]:
+    """Log-likelihoods of the confirmations along one curve in one view: its edge is there; one by chance, or none."""
+    runs, none = _along_curve(found, chance)
+    return runs, _either(chance.aligned, runs, none)
 
 
 @njit(nogil=True)
@@ -326,18 +330,17 @@ def log_ratio(found: Int8Array, group: Int32Array, curve: Int32Array, is_bent: B
     edge, apart = over_views(found, group, curve, chance)
     parts = np.zeros(len(HIDDEN))
     for c in range(len(is_bent)):
-        in_space = chance.in_space[1 if is_bent[c] else 0]
         for p in range(len(HIDDEN)):
-            parts[p] += _against_others(edge[c], apart[c], 1.0 - HIDDEN[p], in_space)
+            parts[p] += _against_others(edge[c], apart[c], HIDDEN[p], is_bent[c], chance)
     ratio: float = _log_mean(parts)
     return ratio
 
 
 @njit(nogil=True)
-def _against_others(edge: float, apart: float, in_sight: float, in_space: float) -> float:
-    """Log-likelihood ratio of one curve of :func:`over_views`, which chance has in sight, against others' edges."""
-    others = _either(in_space, edge, apart)
-    ratio: float = _either(in_sight, edge, others) - others
+def _against_others(edge: float, apart: float, hidden: float, is_bent: bool, chance: Chance) -> float:
+    """Log-likelihood ratio of one curve of :func:`over_views`, which may be hidden, against others' edges."""
+    others = _either(chance.in_space[1 if is_bent else 0], edge, apart)
+    ratio: float = _either(1.0 - hidden, edge, others) - others
     return ratio
 
 
@@ -350,19 +353,8 @@ def _log_mean(logarithms: FloatArray) -> float:
 
 
 @njit(nogil=True)
-def _begins(number: Int32Array) -> Int32Array:
-    """Where runs of one number begin, and the end of the last, (m + 1,)."""
-    begin = [0]
-    for k in range(1, len(number)):
-        if number[k] != number[k - 1]:
-            begin.append(k)
-    begin.append(len(number))
-    return np.array(begin, np.int32)
-
-
-@njit(nogil=True)
-def _beyond(placed: Placed, angle: float, out: Int8Array) -> None:
-    """Beyond how many of SCREENS screens of one direction each point lies, (n,), filled.
+def _beyond(placed: Placed, views: Int32Array, angle: float, out: Int8Array) -> None:
+    """Beyond how many of SCREENS screens of one direction each point lies, (n,), filled; views : where each begins.
 
     They leave as much of the outline's width as HIDDEN does, evenly, in every view, so that they follow the shift of
     what stands in front.
@@ -370,14 +362,13 @@ def _beyond(placed: Placed, angle: float, out: Int8Array) -> None:
     along, down = math.cos(angle), math.sin(angle)
     least = 1.0 - HIDDEN[-1]
     steps = (SCREENS - 1) / (HIDDEN[-1] - HIDDEN[0])
-    begin = _begins(placed.eye)
-    for view in range(len(begin) - 1):
+    for view in range(len(views) - 1):
         low, high = math.inf, -math.inf
-        for k in range(begin[view], begin[view + 1]):
+        for k in range(views[view], views[view + 1]):
             across = placed.pixel[k, 0] * along + placed.pixel[k, 1] * down
             low, high = min(low, across), max(high, across)
         size = max(high - low, NOT_ZERO)
-        for k in range(begin[view], begin[view + 1]):
+        for k in range(views[view], views[view + 1]):
             across = (placed.pixel[k, 0] * along + placed.pixel[k, 1] * down - low) / size
             out[k] = min(max(math.ceil((across - least) * steps), 0), SCREENS)
 
@@ -404,23 +395,22 @@ def behind_screens(placed: Placed, found: Int8Array, is_bent: BoolArray, chance:
     float
         Nats; the mean over where it stands.
     """
-    begin = _begins(placed.group)
+    begin, views = begins(placed.group), begins(placed.eye)
     groups, curves = len(begin) - 1, len(is_bent)
     curve, whole = placed.curve[begin[:-1]], np.empty((groups, 2))
     edge, apart, ratio = np.zeros(curves), np.zeros(curves), np.empty(curves)
     for g in range(groups):
-        whole[g, 0], none = _along_curve(found[begin[g] : begin[g + 1]], chance)
-        whole[g, 1] = _either(chance.aligned, whole[g, 0], none)
+        whole[g] = _in_view(found[begin[g] : begin[g + 1]], chance)
         edge[curve[g]] += whole[g, 0]
         apart[curve[g]] += whole[g, 1]
     for c in range(curves):
-        ratio[c] = _against_others(edge[c], apart[c], 1.0 - HIDDEN[0], chance.in_space[1 if is_bent[c] else 0])
+        ratio[c] = _against_others(edge[c], apart[c], HIDDEN[0], is_bent[c], chance)
     beyond, seen = np.empty(len(found), np.int8), found.copy()
     first, last = np.empty(groups, np.int8), np.empty(groups, np.int8)
     is_cut, is_seen = np.empty(curves, np.bool_), np.empty(curves, np.bool_)
     parts = np.empty((SCREEN_DIRECTIONS, SCREENS))
     for direction in range(SCREEN_DIRECTIONS):
-        _beyond(placed, direction * 2.0 * math.pi / SCREEN_DIRECTIONS, beyond)
+        _beyond(placed, views, direction * 2.0 * math.pi / SCREEN_DIRECTIONS, beyond)
         for g in range(groups):
             first[g], last[g] = beyond[begin[g] : begin[g + 1]].min(), beyond[begin[g] : begin[g + 1]].max()
         for screen in range(SCREENS):
@@ -435,8 +425,7 @@ def behind_screens(placed: Placed, found: Int8Array, is_bent: BoolArray, chance:
                 if last[g] > screen:
                     for k in range(begin[g], begin[g + 1]):
                         seen[k] = -1 if beyond[k] > screen else found[k]
-                    both, none = _along_curve(seen[begin[g] : begin[g + 1]], chance)
-                    by_chance = _either(chance.aligned, both, none)
+                    both, by_chance = _in_view(seen[begin[g] : begin[g + 1]], chance)
                 edge[curve[g]] += both
                 apart[curve[g]] += by_chance
             total = 0.0
@@ -444,8 +433,7 @@ def behind_screens(placed: Placed, found: Int8Array, is_bent: BoolArray, chance:
                 if not is_cut[c]:
                     total += ratio[c]
                 elif is_seen[c]:
-                    in_space = chance.in_space[1 if is_bent[c] else 0]
-                    total += _against_others(edge[c], apart[c], 1.0 - HIDDEN[0], in_space)
+                    total += _against_others(edge[c], apart[c], HIDDEN[0], is_bent[c], chance)
             parts[direction, screen] = total
     mean: float = _log_mean(parts.ravel())
     return mean

@@ -41,8 +41,8 @@ from .settings import (
 
 # A place or a vector in an image, pixels.
 Pair: TypeAlias = tuple[float, float]
-# Disparities that are tried for one pair: of a level one by both ends, by the first, by the last, and by its rows.
-CHOICES = 4
+# Disparities that are tried for one pair: of a level one by both ends, by the first, by the last; and by its rows.
+BY_ROWS = 3
 
 
 class SegmentTable(NamedTuple):
@@ -289,8 +289,8 @@ def candidates(
             # A level pair whose rows tell its disparity is one by them, too, wherever its ends are.
             by_rows = tv * rv > 0.0 and common >= SAME_ROW if level else common >= min(LEAST_COMMON_ROWS, 0.5 * shorter)
             by_rows = by_rows and common >= LEAST_COMMON_SHARE * shorter
-            for choice in range(0 if level else CHOICES - 1, CHOICES if by_rows else CHOICES - 1):
-                if choice < CHOICES - 1:
+            for choice in range(0 if level else BY_ROWS, BY_ROWS + by_rows):
+                if choice < BY_ROWS:
                     ratio = _level_pair(p, q, choice, disparity)
                     gradient = (disparity[0] - disparity[1]) / max(abs(p[1, 0] - p[0, 0]), 1e-9)
                     rows = top, bottom
@@ -306,7 +306,7 @@ def candidates(
                     continue
                 # Chance covers the edge once with so much of a pair.
                 share = (rows[1] - rows[0] + 1.0) / (bottom - top + 1.0)
-                chances[i] += min(1.0, share) / (CHOICES if level else 1)
+                chances[i] += min(1.0, share) / (BY_ROWS + 1 if level else 1)
                 # Directions that agree, against directions at random.
                 ratio += np.log(4.0 / (np.pi * SLANT_SCALE * (1.0 + (gradient / SLANT_SCALE) ** 2)))
                 if count == len(node):
@@ -314,7 +314,7 @@ def candidates(
                     value = np.concatenate((value, np.empty_like(value)))
                     compared = np.concatenate((compared, np.empty_like(compared)))
                     reversed_ = np.concatenate((reversed_, np.empty_like(reversed_)))
-                samples = (0, PROFILE_SAMPLES) if choice < CHOICES - 1 else _common_samples(p, rows[0], rows[1])
+                samples = (0, PROFILE_SAMPLES) if choice < BY_ROWS else _common_samples(p, rows[0], rows[1])
                 compared[count, 0], compared[count, 1], reversed_[count] = samples[0], samples[1], reverse
                 node[count, 0], node[count, 1] = i, j
                 value[count, 0], value[count, 1], value[count, 2] = disparity[0], middle, disparity[1]
