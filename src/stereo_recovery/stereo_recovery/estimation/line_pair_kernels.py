@@ -46,7 +46,7 @@ def _left_ends(table: FloatArray, index: IntArray) -> FloatArray:
 def rounded_corners(
     tables: tuple[FloatArray, FloatArray], index: tuple[IntArray, IntArray], flip: BoolArray, loose: BoolArray
 ) -> tuple[IntArray, FloatArray]:
-    """The nearest rounded corner at each loose end of n edges.
+    """The nearest rounded corner at each loose end of n edges; one that is the nearest of both its ends is one corner.
 
     tables : (m, 8) float64 of both images, see :func:`.segments.line_table`; index : (n,) the edges' segments; flip :
     (n,) whether the right segment runs the other way; loose : (n, 2) ends of left segments that meet nothing
@@ -55,6 +55,8 @@ def rounded_corners(
     """
     n = len(flip)
     pair, point = np.empty((2 * n, 2), np.int64), np.empty((2 * n, 2))
+    # The other edge at each loose end's corner.
+    met = np.full((n, 2), -1)
     count = 0
     if n == 0:
         return pair, point
@@ -87,7 +89,8 @@ def rounded_corners(
                 if total < least:
                     least, found = total, f
                     point[count, 0], point[count, 1] = u, v
-            if found >= 0:
+            met[e, end] = found
+            if found >= 0 and not (found < e and (met[found] == e).any()) and not (end == 1 and met[e, 0] == found):
                 pair[count, 0], pair[count, 1] = e, found
                 count += 1
     return pair[:count].copy(), point[:count].copy()
