@@ -21,9 +21,6 @@ COLUMNS_OVER_ROWS = 2.0
 # another curve; no further estimate of straight edges. The rest is for what comes then.
 LABELLING_SHARE, CURVES_SHARE, EDGES_SHARE = 0.4, 0.6, 0.8
 
-# -- node --------------------------------------------------------------------------------------------------------------
-
-
 # -- drawing -----------------------------------------------------------------------------------------------------------
 
 # Sub-pixel bits of OpenCV's drawing functions; pixels: what is farther out is drawn there, so that no coordinate
@@ -31,19 +28,12 @@ LABELLING_SHARE, CURVES_SHARE, EDGES_SHARE = 0.4, 0.6, 0.8
 SUB_PIXEL_BITS, FARTHEST_DRAWN = 4, 1e4
 # The image behind the features keeps this share of its brightness.
 DARKENED = 0.6
-# Straight features are drawn in so many parts, each in the colour of its depth; curves with so many points.
-STRAIGHT_PARTS, CURVE_POINTS = 16, 72
+# Straight features are drawn in so many parts, each in the colour of its depth.
+PARTS = 16
 # Quantiles of depth that get the first and the last colour of the scale.
 DEPTH_QUANTILES = (0.02, 0.98)
-# OpenCV's hue of the last colour (blue; the first is 0, red), and saturation and value of all.
-FAR_HUE, SATURATION, VALUE = 120, 220, 255
-# Metres: least range of depths that the scale spans.
-LEAST_DEPTH_RANGE = 1e-9
-# Pixels: smallest image that gets a scale of depths; the scale's left edge, length and height; columns and height above
-# the lower border of its two numbers. Factor of their font.
-LEGEND_LEAST_WIDTH, LEGEND_LEAST_HEIGHT = 160, 60
-LEGEND_LEFT, LEGEND_LENGTH, LEGEND_HEIGHT = 10, 100, 8
-LEGEND_COLUMNS, LEGEND_BASELINE, LEGEND_FONT = (10, 80), 20, 0.35
+# Factor of OpenCV's font in the scale of depths.
+LEGEND_FONT = 0.4
 
 # -- files -------------------------------------------------------------------------------------------------------------
 

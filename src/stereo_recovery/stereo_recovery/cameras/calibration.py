@@ -16,8 +16,9 @@ import yaml
 
 from msgs_py import StereoRig
 from msgs_py.files import read_text
+from msgs_py.numeric.typed import FloatArray
 
-from .settings import PROJECTION_NUMBERS
+from .settings import ROUNDED_ROTATION
 
 # Names under which OpenCV programs write the same matrices; {} is 1 or 2.
 OPENCV_NAMES = {
@@ -143,6 +144,21 @@ def load_rig(path: str | Path, size: tuple[int, int]) -> StereoRig:
         raise ValueError(f'{path}: {error}') from None
 
 
+def nearest_rotation(matrix: FloatArray) -> FloatArray | None:
+    """The rotation (3, 3) that a file has written with few digits; None for a matrix that is none.
+
+    Examples
+    --------
+    >>> nearest_rotation(np.diag([1.0, 1.0, 0.999])).round(12).tolist()
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    >>> nearest_rotation(np.zeros((3, 3))) is None, nearest_rotation(np.diag([1.0, 1.0, -1.0])) is None
+    (True, True)
+    """
+    u, stretch, v = np.linalg.svd(matrix)
+    rotation = np.asarray(u @ v)
+    return rotation if np.abs(stretch - 1.0).max() < ROUNDED_ROTATION and np.linalg.det(rotation) > 0.0 else None
+
+
 def is_opencv(text: str) -> bool:
     """Whether a file's text is OpenCV's YAML."""
     return text.lstrip().startswith('%YAML:') or '!!opencv-matrix' in text
@@ -172,7 +188,9 @@ def opencv_cameras(path: Path, size: tuple[int, int]) -> list[CameraFile]:
     for number, found in enumerate(matrices, 1):
         if 'p' not in found:
             raise ValueError(f'{path}: no matrix P{number}; expected the projection matrices of stereoRectify')
-        p = np.reshape(found['p'], (3, 4)) if len(found['p']) == PROJECTION_NUMBERS else np.zeros((3, 4))
+        p = np.zeros((3, 4))
+        if len(found['p']) == p.size:
+            p[:] = np.reshape(found['p'], p.shape)
         found.setdefault('k', p[:, :3].ravel().tolist())
         found.setdefault('r', np.eye(3).ravel().tolist())
         cameras.append(

@@ -20,19 +20,9 @@ import numpy as np
 
 from msgs_py import CameraRig, PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.typed import Float32Array, FloatArray
-from msgs_py.settings import RECTIFIED_TOLERANCE
+from msgs_py.settings import RECTIFIED_TOLERANCE, WIDEST_RAY
 
-from .settings import (
-    BASELINES_AWAY,
-    BORDER_SAMPLES,
-    FEWEST_ROWS,
-    KEPT_RIGS,
-    LEAST_SIDEWAYS,
-    MOST_OBLIQUE,
-    OVERLAP_DEPTHS,
-    OVERLAP_GRID,
-    WIDEST_PICTURE,
-)
+from .settings import BASELINES_AWAY, BORDER_SAMPLES, LEAST_SIDEWAYS, MOST_OBLIQUE, OVERLAP_DEPTHS, OVERLAP_GRID
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +94,7 @@ def camera_pair(rig: CameraRig, left: int, right: int) -> CameraPair | None:
     turns = [first_R_pair.T @ pose.rotation for pose in poses]
     windows = [_window(rig.cameras[k], turn, focal) for k, turn in zip((left, right), turns)]
     top, bottom = max(windows[0][0, 1], windows[1][0, 1]), min(windows[0][1, 1], windows[1][1, 1])
-    if not bottom - top >= FEWEST_ROWS:
+    if not bottom > top:
         return None
     widths = [np.ceil(window[1, 0] - window[0, 0]) for window in windows]
     size = int(max(widths)) + 1, int(np.ceil(bottom - top)) + 1
@@ -124,7 +114,7 @@ def camera_pair(rig: CameraRig, left: int, right: int) -> CameraPair | None:
     )
 
 
-@lru_cache(maxsize=KEPT_RIGS)
+@lru_cache
 def main_pairs(rig: CameraRig) -> tuple[CameraPair, ...]:
     """All pairs of a rig, the likeliest to show most, most exactly, first.
 
@@ -173,7 +163,7 @@ def _window(camera: PinholeCamera, turn: FloatArray, focal: float) -> FloatArray
         + [np.stack([np.full_like(v, at), v], axis=1) for at in u[[0, -1]]]
     )
     rays = camera.rays(border) @ turn.T
-    seen = rays[:, :2] / np.maximum(rays[:, 2:], 1.0 / WIDEST_PICTURE)
+    seen = rays[:, :2] / np.maximum(rays[:, 2:], 1.0 / WIDEST_RAY)
     seen = np.clip(seen, -MOST_OBLIQUE, MOST_OBLIQUE) * focal
     return np.stack([seen.min(axis=0), seen.max(axis=0)])
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from msgs_py.numeric.typed import FloatArray, IntArray
 
-from .settings import CALM_SIGMA, CLIPPED_SIGMAS, FEWEST_PAIRS, LEVEL_BINS, OUTLIER_SIGMAS, REWEIGHTED, TRANSFER_HUBER
+from .settings import CALM_SIGMA, FEWEST_PAIRS, LEVEL_BINS, OUTLIER_SIGMAS, REWEIGHTED, TRANSFER_HUBER
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ def photon_transfer(
     if not rows:
         return None
     numbers, spread, count = np.array(rows).T
-    clipped = CLIPPED_SIGMAS * np.sqrt(spread)
+    clipped = OUTLIER_SIGMAS * np.sqrt(spread)
     # Without any difference a level tells nothing: it is clipped, or nothing was taken twice.
     kept = (spread > 0.0) & (numbers > clipped) & (255.0 - numbers > clipped)
     if not kept.any():

@@ -12,8 +12,10 @@ import numpy as np
 from msgs_py import CameraRig, Pose, StereoRig
 from msgs_py.camera import ImageWindow
 from msgs_py.numeric.typed import AnyArray, FloatArray
+from msgs_py.settings import RECTIFIED_TOLERANCE
 
-from .settings import COEFFICIENTS, DISTORTION_MODELS, LEAST_DETERMINANT, LEAST_SKEW
+from .calibration import nearest_rotation
+from .settings import COEFFICIENTS, DISTORTION_MODELS
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +81,10 @@ class Calibration:
                 f'{arrays["k"][1, 1]:g}, expected > 0 (is the camera calibrated?)'
             )
         skew = arrays['k'][0, 1]
-        if abs(skew) > LEAST_SKEW * arrays['k'][0, 0]:
+        if abs(skew) > RECTIFIED_TOLERANCE * arrays['k'][0, 0]:
             raise ValueError(f'{side} camera_info: K[0,1] (skew) is {skew:g}, expected 0: square axes')
-        if abs(np.linalg.det(arrays['r'])) < LEAST_DETERMINANT:
+        rotation = nearest_rotation(arrays['r'])
+        if rotation is None:
             raise ValueError(f'{side} camera_info: R is no rotation: {arrays["r"].ravel().tolist()}')
         model = str(getattr(info, 'distortion_model', ''))
         if model not in DISTORTION_MODELS:
@@ -99,7 +102,7 @@ class Calibration:
         # Lenses distort where a point is seen, not which pixels are read: only the matrices know of these.
         window = ImageWindow.of(side, info)
         matrix, projection = window.seen(arrays['k']), window.seen(arrays['p'])
-        return cls(window.width, window.height, model, distortion, matrix, arrays['r'], projection)
+        return cls(window.width, window.height, model, distortion, matrix, rotation, projection)
 
 
 class Straightener:

@@ -17,8 +17,7 @@ from msgs_py import CameraRig, PinholeCamera, Pose
 from msgs_py.files import read_text
 from msgs_py.numeric.typed import FloatArray
 
-from .calibration import documents_of, is_opencv, load_cameras, opencv_cameras, ros_camera
-from .settings import ROUNDED_ROTATION
+from .calibration import documents_of, is_opencv, load_cameras, nearest_rotation, opencv_cameras, ros_camera
 
 
 def load_camera_rig(path: str | Path, size: tuple[int, int]) -> CameraRig:
@@ -123,11 +122,8 @@ def _camera(width: Any, height: Any, matrix: FloatArray, k: int) -> PinholeCamer
 def _pose(rotation: FloatArray, translation: FloatArray, k: int) -> Pose:
     """first_T_camera (or that of the camera before) of camera_T_first; k is for messages."""
     try:
-        u, stretch, v = np.linalg.svd(rotation)
-        # Files have few digits.
-        if np.abs(stretch - 1.0).max() < ROUNDED_ROTATION:
-            rotation = u @ v
-        return Pose(rotation, translation).inverse()
+        nearest = nearest_rotation(rotation)
+        return Pose(rotation if nearest is None else nearest, translation).inverse()
     except (ValueError, np.linalg.LinAlgError) as error:
         raise ValueError(f'camera {k}: {error}') from None
 
