@@ -30,7 +30,8 @@ from typing import Any
 os.environ['NUMBA_DISABLE_JIT'] = '1'
 
 import coverage
-import numba  # noqa: F401  with what follows: read once, and there in every fork
+import hypothesis.strategies  # noqa: F401  with what follows: read once, and there in every fork
+import numba  # noqa: F401
 import numpy as np  # noqa: F401
 import pytest
 import scipy.optimize
@@ -260,7 +261,8 @@ def survives(path: Path, tree: ast.Module, mutant: Mutant, tests: list[str], sec
 
 def run_tests(tests: list[str], plugin: Any) -> int:
     """Run pytest in this process; its exit status."""
-    options = ['-x'] if plugin is None else [f'--interpreted={TEST_LIMIT_S}']
+    # Nobody reads what an assertion compares: they are not rewritten.
+    options = ['-x', '--assert=plain'] if plugin is None else [f'--interpreted={TEST_LIMIT_S}']
     options += ['-p', 'no:cacheprovider', '--hypothesis-profile=mutants', '--tb=no', '--timeout=0']
     return int(pytest.main([*options, *tests], plugins=[plugin] if plugin is not None else []))
 

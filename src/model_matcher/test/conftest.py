@@ -6,6 +6,10 @@ import pytest
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
+    import numba
+
+    if numba.config.DISABLE_JIT:
+        return
     from model_matcher.closed_form.run_library import be_ready
 
     be_ready()

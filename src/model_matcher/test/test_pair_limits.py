@@ -27,6 +27,7 @@ from model_matcher.geometry.pair_bounds import (
     SHIFT,
     SINE,
     margins_of,
+    offset_slack,
     pair_fits,
     possible,
 )
@@ -145,6 +146,27 @@ def test_parallel_lines_may_be_nearer_or_farther_by_their_strays(cone):
         for beyond, expected in ((-hair, True), (hair, False)):
             assert fits(data | {column: (between + strays + beyond) / np.cos(cone)}, model, cone) is expected
             assert fits(data | {column: between - strays - beyond}, model, cone) is expected
+
+
+@pytest.mark.parametrize('foot', [0.1, -0.4])
+@pytest.mark.parametrize('cone', [0.0, 0.05])
+def test_crossing_lines_slacken_by_both_strays_and_the_turn_of_their_normal(cone, foot):
+    """Lemma 4; a foot beyond its end strays by the sine of the cone."""
+    rel, rows = np.zeros(RELATION), np.zeros((2, 9))
+    rel[[SINE, OFFSET, FOOT_A, FOOT_B]] = 0.8, -0.2, foot, -foot
+    rows[:, 6] = HALF_A, HALF_B
+    tolerances = TOLERANCES.copy()
+    tolerances[:, 2] = cone, 2.0 * cone
+    margins = margins_of(rows, tolerances)
+    beyond = np.maximum([abs(foot) - HALF_A, abs(foot) - HALF_B], 0.0)
+    strays = TOLERANCES[:, 0].sum() + beyond @ np.sin([cone, 2.0 * cone])
+    tilt = 2.0 * (np.sin(0.5 * cone) + np.sin(cone)) / 0.8
+    expected = strays + 0.2 * (1.0 - np.sqrt(1.0 - tilt**2))
+    assert offset_slack(rel, margins, 0, 1) == pytest.approx(expected + 1e-9, abs=1e-12)
+    # Where the chords of both cones reach the sine, the lines may be parallel.
+    for share in (1.0 - HAIR, 1.0 + HAIR):
+        rel[SINE] = share * tilt * 0.8
+        assert np.isfinite(offset_slack(rel, margins, 0, 1)) == (share > 1.0 or cone == 0.0)
 
 
 def test_a_feature_may_lie_on_one_of_its_kind_as_long_and_with_its_radii():
