@@ -54,6 +54,8 @@ NAMES = {
     'cos': 'sin',
 }
 GUARDS = ('strict', 'stacklevel', 'copy')
+# Of the name of a sort numpy reads the first letter.
+SORTS = ("kind='stable'", "kind='mergesort'")
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,7 @@ def _is_silent(node: ast.AST) -> bool:
         return True
     if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
         return True  # a docstring, or the ... of an overload
-    if isinstance(node, ast.keyword) and node.arg in GUARDS:
+    if isinstance(node, ast.keyword) and (node.arg in GUARDS or ast.unparse(node) in SORTS):
         return True
     if isinstance(node, (ast.Assign, ast.If)):
         words = ast.unparse(node.targets[0] if isinstance(node, ast.Assign) else node.test)
@@ -162,7 +164,7 @@ def _replacements(node: Any, parent: ast.AST, holder: Any, place: int | str) -> 
         new = _other_constant(node)
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.Not, ast.USub)):
         new = node.operand
-    elif isinstance(node, ast.Return) and node.value is not None and ast.unparse(node.value) != 'None':
+    elif isinstance(node, ast.Return) and node.value is not None and not _is_named(node.value):
         new = ast.Return(ast.Constant(None))
     elif isinstance(node, ast.Continue):
         new = ast.Break()
@@ -187,6 +189,11 @@ def _other_constant(node: ast.Constant) -> ast.Constant | None:
     if isinstance(node.value, str) and node.value and not any(c.isspace() for c in node.value):
         return ast.Constant(node.value + 'X')
     return None
+
+
+def _is_named(node: ast.AST) -> bool:
+    """None, True or False: the first changes nothing, and of the others None is as good as False."""
+    return isinstance(node, ast.Constant) and (node.value is None or isinstance(node.value, bool))
 
 
 def _is_count(node: ast.AST) -> bool:
