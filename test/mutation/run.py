@@ -109,6 +109,7 @@ AREAS = {
     'proof': Area(
         (f'{MATCHER}/model_matcher/proof/*.py',),
         (f'{MATCHER}/test/test_proof*.py', f'{MATCHER}/test/test_pair_test.py'),
+        ('warm_up.py',),
     ),
 }
 

@@ -80,8 +80,9 @@ def across():
 @given(VECTOR, VECTOR, VECTOR, st.floats(0.0, 1.5))
 def test_the_second_order_of_a_turn(normal, arm, turning, size):
     turning = size * turning / max(np.linalg.norm(turning), 1e-9)
-    bend = np.empty(6)
-    feasibility._bend(*normal, *arm, bend)
+    row, bend = np.empty(3), np.empty(6)
+    feasibility._turned(*normal, *arm, row, bend)
+    assert row @ turning == pytest.approx(normal @ np.cross(turning, arm), abs=1e-12)
     square = np.array([[bend[0], bend[1], bend[3]], [bend[1], bend[2], bend[4]], [bend[3], bend[4], bend[5]]])
     assert 0.5 * turning @ square @ turning == pytest.approx(
         0.5 * normal @ np.cross(turning, np.cross(turning, arm)), abs=1e-12
@@ -99,6 +100,14 @@ def test_the_least_eigenvalue_is_not_less(lower):
     found = feasibility._least_eigenvalue(lower)
     assert found <= values[0] + 1e-9
     assert found >= values.mean() - np.sqrt(2.0 / 3.0) * np.linalg.norm(values - values.mean()) - 1e-6
+
+
+def test_rounding_makes_the_least_eigenvalue_no_larger():
+    for one in (2.0, -3.0):
+        assert feasibility._least_eigenvalue(one * np.array([1.0, 0, 1, 0, 0, 1])) == one - 1e-9 * abs(one)
+    # Eigenvalues 1, 1, -2: each is the root of 1.5 from their mean, 0, or that of 6 times that of 2 / 3.
+    below = feasibility._least_eigenvalue(np.array([1.0, 0.0, 1.0, 0.0, 0.0, -2.0]))
+    assert below == pytest.approx(-2.0 * (1.0 + 1e-9), abs=1e-12)
 
 
 def test_the_least_eigenvalue_is_exact_where_the_others_are_equal():
@@ -210,7 +219,7 @@ def test_a_step_within_all_tolerances_is_within_the_bound(seed):
         exact = rng.normal(size=2)
         exact *= rng.uniform(0.9, 1.0) / np.linalg.norm(exact)
         for k in range(2):
-            feasibility._bend(*directions[k], *arm, residuals.bends[b, k])
+            feasibility._turned(*directions[k], *arm, np.empty(3), residuals.bends[b, k])
             moved = rotation(-step[:3]) @ arm - arm + np.cross(step[:3], arm)
             residuals.values[b, k] = exact[k] + residuals.jacobian[b, k] @ step - directions[k] @ moved
     bound = feasibility._bound(residuals, rng.uniform(0.0, 1.0, blocks), turn, shift)

@@ -75,14 +75,15 @@ def test_many_nodes_outweigh_some_steadiness():
     assert add_steadiest(start.copy(), 0, both, np.array([2, 1]), sample) == 1, 'half the branches'
 
 
-def test_a_variance_is_the_inverse_of_what_its_features_say():
+@pytest.mark.parametrize('size', [0.3, 0.002])
+def test_a_variance_is_the_inverse_of_what_its_features_say(size):
     rng = np.random.default_rng(3)
     problem = edges(*(rng.uniform(-0.2, 0.2, (4, 2, 3)) + [0, 0, 1]))
     sample = sample_of(problem)
-    (variance,) = first_variances(np.array([2]), 0.3, sample)
+    (variance,) = first_variances(np.array([2]), size, sample)
     chosen = [add_steadiest(variance, 2, np.array([k]), np.array([5]), sample) for k in (0, 1, 3)]
     assert chosen == [0, 0, 0], 'the only one there is'
-    precision = np.diag([1.0] * 3 + [0.3**-2] * 3)
+    precision = np.diag([1.0] * 3 + [size**-2] * 3)
     centre = sample.data[2, :3]
     for row, (across, along, cone) in zip(sample.data, sample.tolerances):
         middle, direction, half = row[:3], row[3:6], row[6]

@@ -31,6 +31,7 @@ from model_matcher.proof.feasibility import (
     _fits_here,
     _follow,
     _growth,
+    _halved,
     _linearise,
     _linearise_all,
     _mean_bound,
@@ -49,6 +50,7 @@ from model_matcher.proof.feasibility import (
     infeasible_subset,
     least_squares_pose,
     narrow,
+    narrow_in_parts,
     refute,
     search_rotations,
 )
@@ -138,15 +140,19 @@ class TestLinearised:
 
     def test_a_region_widens_the_room_along_and_the_shift(self):
         sample = corner()
-        narrow_one, shift = residuals_at(sample, 0, STILL)
-        wide, far = residuals_at(sample, 0, STILL, turn=0.1)
+        centre = np.array([0.4, -0.3, 0.6])
+        narrow_one, shift = residuals_at(sample, 0, STILL, centre=centre)
+        wide, far = residuals_at(sample, 0, STILL, turn=0.1, centre=centre)
         d, m = sample.data[0], sample.model[0]
         assert wide.own[ALONG] == pytest.approx((m[6] + BESIDE - np.cos(0.1) * d[6]) / (m[6] + BESIDE - d[6]), rel=1e-5)
-        assert far - shift == pytest.approx(0.1 * np.linalg.norm(d[:3]) + (1 - np.cos(0.1)) * d[6], rel=1e-5)
+        assert far - shift == pytest.approx(0.1 * np.linalg.norm(d[:3] - centre) + (1 - np.cos(0.1)) * d[6], rel=1e-5)
         for block in (FIRST_END, SECOND_END, TILT):
             np.testing.assert_array_equal(wide.values[block], narrow_one.values[block])
         # No feasible pose tilts beyond the cone, so the room is not wider than that leaves.
-        widest, _ = residuals_at(sample, 0, STILL, turn=3.0)
+        widest, farthest = residuals_at(sample, 0, STILL, turn=3.0, centre=centre)
+        assert farthest - shift == pytest.approx(
+            2.0 * np.linalg.norm(d[:3] - centre) + (1 - np.cos(CONE)) * d[6], rel=1e-5
+        ), 'no turn moves a point by more than twice its lever'
         assert widest.own[ALONG] == pytest.approx(
             (m[6] + BESIDE - np.cos(CONE) * d[6]) / (m[6] + BESIDE - d[6]), rel=1e-5
         )
@@ -208,6 +214,8 @@ class TestBounds:
         mean = np.trace(spread) / 3
         assert square == pytest.approx(mean + np.sqrt(2 / 3) * np.linalg.norm(spread - mean * np.eye(3)))
         assert square >= np.linalg.eigvalsh(spread).max() and rest < 1e-9
+        # A ball is bounded by its radius, and by what rounding may add to it.
+        assert _growth(4.0 * np.eye(6), 0.25 * np.eye(6), 0.3, 2.0) == (0.25 * (1.0 + 1e-9), 0.0)
         # Of an inverse that is off, the rest says by how much.
         off = inverse.copy()
         off[:3] += 0.01 * rng.normal(size=(3, 6))
@@ -440,29 +448,48 @@ class TestRevising:
         assert self.left(data, 1) == [True, False, False] and self.left(data, 2) == [False] * 3
         assert self.left(data, 0) == [True] * 3
 
-    def test_the_farthest_pair_is_near_enough_up_to_its_room(self):
+    @pytest.mark.parametrize('cone', [0.0, CONE])
+    def test_the_farthest_pair_is_near_enough_up_to_its_room(self, cone):
         """Middles may be as far apart as the model's, and what both edges have room for: its own half length each."""
-        room = 2 * (0.1 + BESIDE + ACROSS - 0.01 * np.cos(CONE))
+        room = 2 * (0.1 + BESIDE + ACROSS - 0.01 * np.cos(cone))
         for beyond, fits in ((-1e-6, True), (1e-6, False)):
             data = self.model[:2].copy()
             data[:, 6] = 0.01
             gap = 0.3 + room + beyond
             data[1, :3] = gap, 0.0, 0.0
-            test = pair_test(sample_of(data, self.model[:2]))
+            sample = sample_of(data, self.model[:2])
+            sample.tolerances[:, 2] = cone
+            test = pair_test(sample)
             assert test.span == pytest.approx(0.5)
             left = np.ones((2, 2), bool)
             revise(0, np.array([1]), test, left, 1)
             # The line of b still meets that of a, but only if both may be so far out.
-            assert left[0].any() == (fits and self.slides(data))
+            assert left[0].any() == (fits and self.slides(data, cone))
 
-    def slides(self, data):
+    def slides(self, data, cone):
         rel = np.empty((1, RELATION))
         relation(data[0], data[1], rel[0])
-        margins = margins_of(data, np.tile([ACROSS, BESIDE, CONE], (2, 1)))
+        margins = margins_of(data, np.tile([ACROSS, BESIDE, cone], (2, 1)))
         both = model_relations(self.model[:2])
         halves = self.model[:2, 6].copy()
         pairs = ((0, 1), (1, 0), (0, 0), (1, 1))
         return any(pair_fits(rel, 0, margins, 0, 1, halves, both, i, j) for i, j in pairs)
+
+    @pytest.mark.parametrize('way', [1.0, -1.0])
+    def test_an_angle_may_be_off_by_both_cones(self, way):
+        """From 70 degrees by nearly one radian: down to 13 degrees, or over the right angle back to 53."""
+        model = np.array(
+            [feature([0, 0, 0], [1, 0, 0], 0.1), feature([0, 0.1, 0], [np.cos(1.22), np.sin(1.22), 0], 0.1)]
+        )
+        for share, fits in ((0.999, True), (1.001, False)):
+            data = model.copy()
+            angle = 1.22 + way * share * 1.0
+            data[1, 3:6] = np.cos(angle), np.sin(angle), 0.0
+            sample = sample_of(data, model)
+            sample.tolerances[:, 2] = 0.5
+            left = np.eye(2, dtype=bool)
+            revise(0, np.array([1]), pair_test(sample), left, 1)
+            assert left[0, 0] == (fits or way > 0.0 and abs(np.pi - angle - 1.22) <= 1.0)
 
     def test_the_slack_of_the_distance_is_that_of_lemma_4(self):
         data = self.model[[0, 2]].copy()
@@ -477,21 +504,92 @@ class TestRevising:
         assert offset_slack(rel, wide, 0, 1) == np.inf, 'they may be parallel'
 
 
-@pytest.mark.parametrize('axis', [0, 1, 2])
-def test_a_pose_that_the_parts_of_a_region_hold_is_given_back(axis):
-    """The data are the model turned by 0.4 about one axis: where the search begins, nothing fits."""
-    true = np.r_[Rotation.from_rotvec(0.4 * np.eye(3)[axis]).as_matrix().ravel(), 0.02, -0.01, 0.5]
-    sample = corner(axis)
+def turned(sample, vector):
+    """The same model, and data that lie on it when it is turned and shifted; and that pose."""
+    true = np.r_[Rotation.from_rotvec(vector).as_matrix().ravel(), 0.02, -0.01, 0.5]
     data = sample.data.copy()
-    for k in range(3):
-        data[k, :3] = true[:9].reshape(3, 3) @ sample.model[k, :3] + true[9:]
-        data[k, 3:6] = true[:9].reshape(3, 3) @ sample.model[k, 3:6]
-    turned = Sample(data, sample.kinds, sample.tolerances, sample.model)
+    data[:, :3] = sample.model[:, :3] @ true[:9].reshape(3, 3).T + true[9:]
+    data[:, 3:6] = sample.model[:, 3:6] @ true[:9].reshape(3, 3).T
+    return Sample(data, *sample[1:]), true
+
+
+def between(first, second):
+    """Radians, between the rotations of two poses (12,)."""
+    return Rotation.from_matrix(first[:9].reshape(3, 3) @ second[:9].reshape(3, 3).T).magnitude()
+
+
+@pytest.mark.parametrize('axis', [0, 1, 2])
+@pytest.mark.parametrize(('angle', 'turn'), [(0.4, 0.6), (2.8, 2.9), (-2.8, 2.9)])
+def test_a_pose_that_the_parts_of_a_region_hold_is_given_back(axis, angle, turn):
+    """The data are the model turned about one axis: where the search begins, nothing fits."""
+    sample, _ = turned(corner(2), angle * np.eye(3)[axis])
     all_three = np.arange(3)
     motion = STILL.copy()
-    assert deviations(motion, all_three, all_three, turned).max() > 1.0
-    assert search_rotations(motion, 0.6, all_three, all_three, turned) == FEASIBLE
-    assert deviations(motion, all_three, all_three, turned).max() <= 1.0 + 1e-9
+    assert deviations(motion, all_three, all_three, sample).max() > 1.0
+    assert search_rotations(motion, turn, all_three, all_three, sample) == FEASIBLE
+    assert deviations(motion, all_three, all_three, sample).max() <= 1.0 + 1e-9
+
+
+def test_the_halves_of_a_cube_are_eight_and_fill_it():
+    out = np.zeros((8, 4))
+    assert _halved(np.array([0.1, 0.2, -0.1, 0.4]), 10.0, out) == 8
+    assert (out[:, 3] == 0.2).all() and len(np.unique(out, axis=0)) == 8
+    np.testing.assert_allclose(np.abs(out[:, :3] - [0.1, 0.2, -0.1]), 0.2)
+
+
+def test_the_cubes_that_hold_no_turn_of_the_region_are_left_out():
+    """A ball of radius 1, and cubes of half side 0.5 about (k, 0, 0): the ball about a half cube reaches 0.866 / 2."""
+    out, half = np.zeros((8, 4)), 0.5 * np.sqrt(3.0) * 0.5
+    for place, count in ((0.0, 8), (1.0, 8), (1.4, 4), (1.8, 0)):
+        assert _halved(np.array([place, 0.0, 0.0, 0.5]), 1.0, out) == count
+        near, far = (np.linalg.norm([place + side * 0.25, 0.25, 0.25]) <= 1.0 + half for side in (-1, 1))
+        assert count == 4 * near + 4 * far
+        assert (out[:count, 0] < place + 0.3).all()
+
+
+class TestInParts:
+    """Three edges of a corner, turned from the middle of a region for which one bound says little."""
+
+    number = np.arange(3)
+
+    @pytest.mark.parametrize('axis', [[2, -1, 2], [-2, 2, 1], [1, 2, -2], [-2, -1, -2]])
+    def test_it_is_shrunk_in_parts_to_what_a_near_one_would_be(self, axis):
+        for seed in (0, 2):
+            sample, true = turned(corner(seed), 0.5 * np.array(axis) / 3.0)
+            whole, parts, near = STILL.copy(), STILL.copy(), true.copy()
+            assert narrow(whole, 0.8, self.number, self.number, sample) > 0.7
+            left = narrow_in_parts(parts, 0.8, self.number, self.number, sample)
+            assert left == pytest.approx(narrow(near, 0.2, self.number, self.number, sample), rel=0.05)
+            assert between(parts, true) < 1e-3 * left, 'and lies about the true pose'
+
+    def test_a_region_of_more_than_a_radian_is_not_divided(self):
+        sample, _ = turned(corner(2), [0.0, 0.7, 0.0])
+        motion = STILL.copy()
+        assert narrow_in_parts(motion, 1.1, self.number, self.number, sample) == pytest.approx(1.1)
+        np.testing.assert_array_equal(motion, STILL)
+
+    @pytest.mark.parametrize('askew', range(3))
+    def test_a_region_without_a_pose_has_none_in_any_part(self, askew):
+        sample, _ = turned(corner(3), [0.0, 0.4, 0.0])
+        tilt = Rotation.from_rotvec([0.5, 0.0, 0.0] if askew else [0.0, 0.5, 0.0])
+        sample.data[askew, 3:6] = tilt.apply(sample.data[askew, 3:6])
+        assert narrow(STILL.copy(), 0.6, self.number, self.number, sample) == pytest.approx(0.6)
+        assert narrow_in_parts(STILL.copy(), 0.6, self.number, self.number, sample) == -1.0
+
+    def test_what_nothing_holds_stays(self):
+        """Two edges of one line turn about it as they like."""
+        line = [feature([0.0, 0, 1], [1, 0, 0], 0.1), feature([0.02, 0, 1], [1, 0, 0], 0.1)]
+        number = np.arange(2)
+        sample = sample_of(np.array(line), line)
+        assert narrow_in_parts(STILL.copy(), 0.9, number, number, sample) >= 0.9 * 0.9
+
+    def test_what_was_narrowed_gives_hardly_more_when_it_is_narrowed_again(self):
+        sample, true = turned(corner(1), [0.3, 0.1, -0.2])
+        motion = true.copy()
+        _follow(motion, np.zeros(3), np.r_[0.1, 0.05, -0.1, 0.0, 0.0, 0.0])
+        left = narrow(motion, 0.3, self.number, self.number, sample)
+        assert left < 0.15 and between(motion, true) <= left
+        assert 0.89 * left <= narrow(motion, left, self.number, self.number, sample) <= left
 
 
 def test_no_part_of_a_region_holds_what_has_other_angles():

@@ -31,18 +31,20 @@ def some_residuals(seed, blocks=9, stiffness=4.0, bending=1.0, size=1.0):
     return residuals
 
 
-def lemma_6(residuals, weights, turn, shift):
-    """What docs/proof.md says that the weights allow: lowest step, normal matrix, room, reach and radius."""
-    rows, values = residuals.jacobian, residuals.values
+def lemma_6(residuals, weights, turn, shift, lowest, inverse):
+    """What docs/proof.md says that the weights allow, about any step and with any inverse: room, reach and radius."""
+    rows = residuals.jacobian
     normal = np.einsum('b,bkp,bkq->pq', weights, rows, rows)
-    lowest = np.linalg.solve(normal, np.einsum('b,bkp,bk->p', weights, rows, values))
-    left = values - rows @ lowest
-    least = float(weights @ (left**2).sum(axis=1))
-    bending = np.einsum('b,bk,bkl->l', weights, left, residuals.bends)
-    spread = np.linalg.inv(normal)[:3, :3]
-    square = np.trace(spread) / 3.0 + farthest_eigenvalue(spread)
-    curved = np.trace(symmetric(bending)) / 3.0 - farthest_eigenvalue(symmetric(bending))
+    left = residuals.values - rows @ lowest
+    slope = 2.0 * np.einsum('b,bkp,bk->p', weights, rows, left)
     aside = np.linalg.norm(lowest[:3])
+    farthest = np.repeat([turn + aside, shift + np.linalg.norm(lowest[3:])], 3)
+    least = weights @ (left**2).sum(axis=1) - np.abs(slope) @ farthest
+    bending = symmetric(np.einsum('b,bk,bkl->l', weights, left, residuals.bends))
+    curved = np.trace(bending) / 3.0 - farthest_eigenvalue(bending)
+    spread = inverse[:3] @ normal @ inverse[:3].T
+    square = np.trace(spread) / 3.0 + farthest_eigenvalue(spread)
+    rest = (np.abs(np.eye(3, 6) - inverse[:3] @ normal) @ farthest).sum()
     straight = np.sqrt(0.25 * weights @ residuals.levers**2)
     room, reach = 0.0, -1.0
     for k in range(REGIONS.slices):
@@ -51,9 +53,23 @@ def lemma_6(residuals, weights, turn, shift):
         second = weights @ (1.0 + residuals.levers * high**3 / 6.0) ** 2 - least
         second -= min(curved * high**2, curved * low**2)
         here = min(first, (np.sqrt(max(second, 0.0)) + straight * high**2) ** 2)
-        if second >= 0.0 and here >= 0.0 and max(low - aside, 0.0) ** 2 / square <= here:
+        if second >= 0.0 and here >= 0.0 and max(low - aside - rest, 0.0) ** 2 / square <= here:
             reach, room = high, max(room, here)
-    return lowest, normal, room, reach, min(np.sqrt(square * room), reach + aside)
+    return room, reach, min(np.sqrt(square * room) + rest, reach + aside)
+
+
+def is_lemma_6(bound, residuals, weights, turn, shift):
+    """Whether a bound is that of the lemma about its own lowest step; returns its reach."""
+    room, reach, radius = lemma_6(residuals, weights, turn, shift, bound.lowest, bound.inverse)
+    np.testing.assert_allclose(
+        bound.normal, np.einsum('b,bkp,bkq->pq', weights, residuals.jacobian, residuals.jacobian), rtol=1e-9
+    )
+    assert bound.turn == pytest.approx(turn + np.linalg.norm(bound.lowest[:3]), rel=1e-9)
+    assert bound.shift == pytest.approx(shift + np.linalg.norm(bound.lowest[3:]), rel=1e-9)
+    assert bound.reach == pytest.approx(reach)
+    if reach >= 0.0:
+        assert bound.room == pytest.approx(room, rel=1e-5) and bound.radius == pytest.approx(radius, rel=1e-4)
+    return reach
 
 
 # Stiff sets and loose ones, that bend much or little, near to what is feasible and far from it.
@@ -72,21 +88,31 @@ def test_a_bound_is_that_of_lemma_6(stiffness, bending, size, turn):
         residuals = some_residuals(seed, 9, stiffness, bending, size)
         weights = np.random.default_rng(seed).uniform(0.1, 2.0, 9)
         bound = feasibility._bound(residuals, weights, turn, 0.7)
-        lowest, normal, room, reach, radius = lemma_6(residuals, weights, turn, 0.7)
-        np.testing.assert_allclose(bound.lowest, lowest, rtol=1e-6, atol=1e-7)
-        np.testing.assert_allclose(bound.normal, normal, rtol=1e-9)
+        is_lemma_6(bound, residuals, weights, turn, 0.7)
+        normal = np.einsum('b,bkp,bkq->pq', weights, residuals.jacobian, residuals.jacobian)
+        right = np.einsum('b,bkp,bk->p', weights, residuals.jacobian, residuals.values)
+        np.testing.assert_allclose(bound.lowest, np.linalg.solve(normal, right), rtol=1e-6, atol=1e-7)
         np.testing.assert_allclose(bound.normal @ bound.inverse, np.eye(6), atol=1e-5)
-        assert bound.turn == pytest.approx(turn + np.linalg.norm(lowest[:3]), rel=1e-6)
-        assert bound.shift == pytest.approx(0.7 + np.linalg.norm(lowest[3:]), rel=1e-6)
-        assert bound.reach == pytest.approx(reach)
-        if reach >= 0.0:
-            assert bound.room == pytest.approx(room, rel=1e-5) and bound.radius == pytest.approx(radius, rel=1e-4)
 
 
 def test_the_sets_of_the_bound_are_of_all_kinds():
-    reached = [lemma_6(some_residuals(0, 9, *one), np.ones(9), 0.9, 0.7)[3] for one in SETS]
+    reached = []
+    for one in SETS:
+        residuals = some_residuals(0, 9, *one)
+        reached.append(is_lemma_6(feasibility._bound(residuals, np.ones(9), 0.9, 0.7), residuals, np.ones(9), 0.9, 0.7))
     assert min(reached) < 0.0 and max(reached) == pytest.approx(0.9)
     assert any(0.0 < one < 0.8 for one in reached)
+
+
+@pytest.mark.parametrize('weak', range(6))
+def test_a_bound_holds_about_a_step_that_is_not_the_lowest(weak):
+    """One direction so much weaker than the others that the damped solution is off in it."""
+    residuals, weights = some_residuals(4, 9, 1.0, 0.5, 0.1), np.ones(9)
+    residuals.jacobian[:] *= np.where(np.arange(6) == weak, 0.3, 1e4)
+    residuals.values[:] = residuals.jacobian @ (0.4 * np.eye(6)[weak]) + 0.3 * residuals.values
+    bound = feasibility._bound(residuals, weights, 0.5, 0.7)
+    assert bound.lowest[weak] < 0.35, 'it is off'
+    assert is_lemma_6(bound, residuals, weights, 0.5, 0.7) >= 0.0
 
 
 def test_what_no_residual_holds_back_turns_as_far_as_the_region():
@@ -125,7 +151,7 @@ def test_the_extent_of_a_row_is_the_half_width_of_the_ellipsoid_along_it():
 def test_of_an_inverse_that_is_off_the_extent_takes_the_rest_from_the_region():
     exact = a_bound(np.zeros(6), [4.0] * 6, 2.0, turn=0.3, shift=5.0)
     off = exact._replace(inverse=exact.inverse * 0.9)
-    for p, most in ((1, 0.3), (4, 5.0)):
+    for p, most in ((0, 0.3), (2, 0.3), (3, 5.0), (5, 5.0)):
         row = np.eye(6)[p]
         # A tenth of the row is not explained; the rest is 0.9 times as long.
         assert feasibility._extent(off, row) == pytest.approx(0.1 * most + 0.9 * np.sqrt(2.0) / 2.0)
@@ -274,6 +300,13 @@ class TestLineSearch:
         assert search(one_spring(2.0), 1.0, -2.1 / shortest)[0] == 1.0
 
 
+def test_linear_residuals_may_exceed_one_by_what_the_longest_lever_bends():
+    residuals = some_residuals(3)
+    step = np.array([0.1, -0.2, 0.3, 5.0, 6.0, 7.0])
+    expected = (1.0 + 0.5 * residuals.levers.max() * (0.1**2 + 0.2**2 + 0.3**2)) ** 2
+    assert feasibility._bent(residuals, step) == pytest.approx(expected)
+
+
 def approach(residuals, turn=-1.0, shift=1.0, start=None):
     step, fit = np.zeros(6) if start is None else start, a_fit(len(residuals.own))
     return feasibility._approach(residuals, step, turn, shift, fit), step, fit
@@ -293,7 +326,14 @@ class TestApproach:
             residuals = one_spring(apart)
             residuals.values[:, 0] += 5.0
             assert approach(residuals)[0] is none
-            assert approach(residuals, turn=10.0)[0] is none
+            for turn in (0.0, 0.5, 10.0):
+                assert approach(residuals, turn=turn)[0] is none
+
+    def test_what_misses_by_little_is_refuted_by_those_that_miss_alone(self):
+        """With any weight on the four that are content the mean would be below one."""
+        residuals = one_spring(1.01, blocks=6)
+        residuals.values[2:, 0] = 0.1
+        assert approach(residuals, turn=0.5)[0]
 
     def test_what_is_refuted_has_its_weights_in_the_fit(self):
         """Four that hardly pull, without which two do so by 1.5 each."""
@@ -309,6 +349,18 @@ class TestApproach:
             residuals = one_spring(1.2)
             residuals.levers[:] = lever
             assert approach(residuals, turn=1.0)[0] is none
+
+    @pytest.mark.parametrize(('stiffness', 'none'), [(60.0, True), (0.0, False)])
+    def test_what_is_refuted_only_as_far_as_it_turns_needs_what_holds_the_turn(self, stiffness, none):
+        """Two are pulled 1.2 apart, and a turn would bend them. Others, that are content, leave the set no turn."""
+        residuals = one_spring(1.2, blocks=14)
+        residuals.jacobian[:2] = np.eye(6)[3]
+        residuals.levers[:2] = 4.0
+        for p in range(6):
+            residuals.jacobian[2 + 2 * p, 0], residuals.jacobian[3 + 2 * p, 1] = np.eye(6)[[p, p]] * (
+                stiffness if p < 3 else 0.01
+            )
+        assert approach(residuals, turn=1.0)[0] is none
 
     def test_the_largest_of_many_residuals_is_made_least(self):
         """Of random sets in which the minimax is known by linear programming, none is told wrong."""

@@ -7,7 +7,8 @@ from model_matcher import MatchParams, index_model
 from model_matcher.closed_form.synthetic.scenes import MODELS, make_scene
 from model_matcher.closed_form.synthetic.strained import strained_scene
 from model_matcher.model.problem import make_problem
-from model_matcher.proof.branch_and_bound import BranchAndBound, sample_of
+from model_matcher.proof.arc_consistency import Nodes
+from model_matcher.proof.branch_and_bound import BranchAndBound, GivenUp, sample_of
 from model_matcher.proof.certificate import prove
 from model_matcher.proof.feasibility import all_fit, deviations
 from msgs_py import BIN
@@ -118,6 +119,15 @@ class TestTree:
         far.enlarge(np.r_[np.eye(3).ravel(), 10.0, 0.0, 0.0])
         assert far.most == 10 and far.assignment is None
 
+    def test_a_known_pose_that_explains_as_many_as_are_known_gives_way_for_one_more(self):
+        tree = self.tree(most=17)
+        across = tree.sample.tolerances[0, 0]
+        tree.sample.data[0, :3] += 1.3 * across * np.eye(3)[np.argmin(np.abs(tree.sample.data[0, 3:6]))]
+        still = np.r_[np.eye(3).ravel(), np.zeros(3)]
+        assert deviations(still, np.arange(1), np.arange(1), tree.sample)[0] == pytest.approx(1.3, rel=1e-3)
+        tree.enlarge(still)
+        assert tree.most == 18 and tree.assignment.tolist() == list(range(18))
+
     def test_two_lines_that_cross_fix_four_poses(self):
         tree = self.tree()
         lines = tree.sample.data[:, 3:6]
@@ -129,3 +139,99 @@ class TestTree:
         assert min(turns) < 1e-6 and sum(turn < 1e-6 for turn in turns) == 1
         parallel = int(np.flatnonzero(np.abs(lines @ lines[0]) > 1 - 1e-9)[1])
         assert tree.first_regions(np.array([0, parallel]), np.array([0, parallel])) is None
+
+
+class Recorded(BranchAndBound):
+    """A tree that notes which nodes it takes, and has nothing beside them."""
+
+    def joined(self, node, forced, free, region):
+        self.taken.append(int(node))
+        return []
+
+
+def tree_of(counts, most):
+    """A tree over data features with so many nodes each."""
+    model = MODELS['l_shape']()
+    tree = Recorded(make_problem(index_model(model), model, MatchParams()), most, Deadline(60.0))
+    a = np.repeat(np.arange(len(counts)), counts)
+    tree.nodes, tree.taken = Nodes(a, np.arange(len(a))), []
+    return tree
+
+
+class TestBranching:
+    """Which nodes are taken, where none may stand beside another."""
+
+    nothing = np.zeros(0, np.int64)
+
+    def explored(self, counts, most, refuted=()):
+        tree = tree_of(counts, most)
+        tree.explore(self.nothing, np.arange(sum(counts)), None, [frozenset(one) for one in refuted])
+        return [int(tree.nodes.a[node]) for node in tree.taken], tree
+
+    def test_it_branches_on_the_feature_of_fewest_nodes_and_then_does_without_it(self):
+        assert self.explored([3, 2, 4], 0)[0] == [1] * 2 + [0] * 3 + [2] * 4
+        assert self.explored([3, 2, 4], 1)[0] == [1] * 2 + [0] * 3, 'one alone is not larger than one'
+
+    def test_a_feature_of_one_node_excludes_no_more_than_the_one_of_most(self):
+        assert self.explored([1, 3, 2], 0)[0] == [2] * 2 + [0] + [1] * 3
+        assert self.explored([3, 1, 2], 0)[0] == [2] * 2 + [0] * 3 + [1]
+        assert self.explored([1, 1], 0)[0] == [0, 1]
+
+    def test_too_few_features_are_not_looked_at(self):
+        taken, tree = self.explored([3, 2, 4], 3)
+        assert taken == [] and tree.branches == 1
+
+    def test_each_branch_is_counted_and_looks_at_the_clock(self):
+        assert self.explored([3, 2, 4], 0)[1].branches == 4
+        tree = tree_of([3, 2], 0)
+        tree.deadline = Deadline(0.0)
+        with pytest.raises(GivenUp, match='time limit'):
+            tree.explore(self.nothing, np.arange(5), None, [])
+
+    def test_a_group_is_taken_feature_by_feature_the_one_of_fewest_nodes_first(self):
+        tree = tree_of([3, 2, 4, 1], 0)
+        tree.assign([0, 2, 1], self.nothing, np.arange(10), None)
+        assert tree.nodes.a[tree.taken].tolist() == [1, 1]
+        tree = tree_of([3, 2, 4, 1], 0)
+        tree.joined = lambda node, forced, free, region: (
+            tree.taken.append(int(tree.nodes.a[node])) or [(np.append(forced, node), free, None)]
+        )
+        seen = []
+        tree.explore = lambda forced, free, region, refuted: seen.append((forced.tolist(), free.tolist()))
+        tree.assign([0, 1], self.nothing, np.arange(10), None)
+        # Each node of feature 1, 3 and 4, with each of feature 0, 0 to 2; what is free is of the others.
+        assert [forced for forced, _ in seen] == [[one, other] for one in (3, 4) for other in (0, 1, 2)]
+        assert all(free == [5, 6, 7, 8, 9] for _, free in seen)
+
+    def test_the_groups_that_are_refuted_are_kept(self):
+        tree = tree_of([3, 2, 4, 1, 2, 2], 3)
+        tree.search()
+        assert [len(group) for group in tree.disjoint] == [2, 2, 2]
+        assert tree.refuted == [frozenset(group) for group in tree.disjoint]
+        of, sizes = tree.groups_refuted
+        assert sizes.tolist() == [2, 2, 2]
+        for number, group in enumerate(tree.disjoint):
+            assert (of[group] == number).all()
+        assert (of[6:] == -1).all()
+        before = len(tree.taken)
+        tree.search()
+        assert len(tree.taken) == before, 'and not refuted again'
+
+    def test_members_are_left_out_in_turn_and_those_before_are_in(self):
+        tree = tree_of([1, 1, 1, 2], 0)
+        tree.joined = lambda node, forced, free, region: [(np.append(forced, node), free, 'smaller')]
+        seen = []
+        tree.explore = lambda forced, free, region, refuted, tested: seen.append(
+            (forced.tolist(), free.tolist(), region, tested)
+        )
+        tree.leave_one_out(np.array([0, 2]), self.nothing, np.arange(5), 'whole', [])
+        assert seen == [([], [1, 2, 3, 4], 'whole', True), ([0], [1, 3, 4], 'smaller', False)]
+
+    def test_a_member_that_cannot_be_in_ends_it(self):
+        tree, seen = tree_of([1, 1, 1, 2], 0), []
+        tree.explore = lambda forced, free, region, refuted, tested: seen.append(free.tolist())
+        tree.leave_one_out(np.array([0, 2]), self.nothing, np.arange(5), None, [])
+        assert seen == [[1, 2, 3, 4]] and tree.taken == [0]
+        tree.taken.clear()
+        tree.leave_one_out(np.array([0, 2]), self.nothing, np.arange(1, 5), None, [])
+        assert tree.taken == [], 'one that is not free any more is not asked for'

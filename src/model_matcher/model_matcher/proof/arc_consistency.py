@@ -261,26 +261,18 @@ def forward_check(
     rel = np.empty((1, RELATION))
     missing = np.empty(len(groups.sizes), np.int64)
     spare = spare_features(np.append(nodes.a[forced], a), nodes.a[free], least, groups, missing)
-    room_a = test.halves[i] - margins[a, 1] + margins[a, 2] + margins[a, 3] + ROUNDING
     count = at = 0
     while at < len(free) and spare >= 0:
         b = nodes.a[free[at]]
         relation(data[a], data[b], rel[0])
-        mid, room = rel[0, MIDS], room_a + margins[b, 2] + margins[b, 3] - margins[b, 1]
-        low = rel[0, ANGLE] - margins[a, 4] - margins[b, 4] - ROUNDING
-        high = rel[0, ANGLE] + margins[a, 4] + margins[b, 4] + ROUNDING
         before = count
         while at < len(free) and nodes.a[free[at]] == b:
-            other = free[at]
-            at += 1
-            j = nodes.i[other]
-            if i != j and (abs(mid - test.mids[i, j]) > room + test.halves[j] or not low <= test.angles[i, j] <= high):
-                continue
-            if not pair_fits(rel, 0, margins, a, b, test.halves, test.relations, i, j):
-                continue
-            if _constraints_agree(a, b, i, j, test, own):
-                left[count] = other
+            j = nodes.i[free[at]]
+            fits = pair_fits(rel, 0, margins, a, b, test.halves, test.relations, i, j)
+            if fits and _constraints_agree(a, b, i, j, test, own):
+                left[count] = free[at]
                 count += 1
+            at += 1
         if count == before:
             spare -= left_out(b, groups, missing)
     return left[:count] if spare >= 0 else left[:0]

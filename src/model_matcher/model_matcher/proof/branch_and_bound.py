@@ -347,8 +347,8 @@ class BranchAndBound:
         elif len(features) == 0 or (region is not None and len(singles) == len(features)):
             self.decide(forced, singles, free, region, refuted)
         else:
-            open_to = np.where(domains > 1, domains, domains.max() + (region is not None))
-            chosen = self.nodes.a[free] == features[np.argmin(open_to)]
+            # The feature of fewest nodes; those of one exclude no more than the one of most.
+            chosen = self.nodes.a[free] == features[np.argmin(np.where(domains > 1, domains, domains.max()))]
             for node in free[chosen]:
                 for more, rest, where in self.joined(node, forced, free[~chosen], region):
                     self.explore(more, rest, where, refuted)

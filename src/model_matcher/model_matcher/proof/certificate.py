@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.typed import FloatArray, Int32Array
 
 from ..geometry.pose_rows import as_motion, as_pose
-from ..model.index import ModelIndex, index_model
+from ..model.index import ModelIndex
 from ..model.problem import Problem, make_problem
 from ..model.symmetry import symmetric_poses
 from ..params import MatchParams, MatchResult
@@ -31,17 +30,8 @@ from ..verification.interpretations import as_interpretation
 from ..verification.pose_fit import fitted_poses, stated_errors
 from ..verification.refinement import Refined
 from .branch_and_bound import BranchAndBound, GivenUp, Larger, sample_of
-from .feasibility import (
-    all_fit,
-    can_join,
-    common_pose,
-    deviations,
-    infeasible_subset,
-    least_squares_pose,
-    narrow_in_parts,
-    refute,
-    search_rotations,
-)
+from .feasibility import least_squares_pose
+from .warm_up import compile_kernels
 
 
 @dataclass(frozen=True)
@@ -73,32 +63,6 @@ class Proof:
     pairings: int = 0
     reason: str | None = None
     seconds: float = 0.0
-
-
-@cache
-def compile_kernels() -> None:
-    """Compile, or load from the cache, what a proof needs, so that it does not count towards a time limit."""
-    corner = np.eye(3) * [0.2, 0.3, 0.4]
-    edges = FeatureSet.from_edges(
-        np.concatenate([corner, corner]), np.concatenate([np.roll(corner, 1, axis=0), np.zeros((3, 3))])
-    )
-    problem = make_problem(index_model(edges), edges, MatchParams())
-    tree = BranchAndBound(problem, 3, Deadline())
-    tree.prune()
-    nodes = np.arange(6)
-    motion = np.array([1.0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0.1])
-    sample, weights = tree.sample, np.ones(6)
-    common_pose(motion.copy(), nodes, nodes, sample)
-    narrow_in_parts(motion.copy(), 0.1, nodes, nodes, sample)
-    refute(motion.copy(), 0.1, nodes, nodes, sample, weights)
-    search_rotations(motion.copy(), 0.1, nodes, nodes, sample)
-    infeasible_subset(motion, 0.1, nodes, nodes, weights, sample)
-    can_join(motion, 0.1, nodes[:3], nodes[:3], nodes, nodes, 0, tree.groups_refuted, sample)
-    tree.groups(nodes, nodes, 2)
-    deviations(motion, nodes, nodes, sample)
-    all_fit(motion, nodes, nodes, sample, problem.index.kind, problem.radius_tol)
-    least_squares_pose(motion, nodes.astype(np.int32), np.zeros(6, np.int8), sample)
-    tree.joined(2, nodes[:2], nodes[3:], None)
 
 
 def certify(problem: Problem, result: MatchResult, params: MatchParams, deadline: Deadline) -> MatchResult:

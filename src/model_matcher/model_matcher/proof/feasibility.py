@@ -109,11 +109,15 @@ def _room_for(blocks: int) -> _Residuals:
 
 
 @njit
-def _bend(nx: float, ny: float, nz: float, x: float, y: float, z: float, out: FloatArray) -> None:
-    """The lower triangle (6,) of the matrix B: the second order of n exp(-t) y in t is t B t / 2 (lemma 5)."""
+def _turned(nx: float, ny: float, nz: float, x: float, y: float, z: float, row: FloatArray, bend: FloatArray) -> None:
+    """What a turn t does to n exp(-t) y: less row t to first order, and t B t / 2 to the second (lemma 5).
+
+    row : its first three numbers are filled; bend : (6,) the lower triangle of B
+    """
+    row[0], row[1], row[2] = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
     straight = nx * x + ny * y + nz * z
-    out[0], out[2], out[5] = nx * x - straight, ny * y - straight, nz * z - straight
-    out[1], out[3], out[4] = 0.5 * (nx * y + ny * x), 0.5 * (nx * z + nz * x), 0.5 * (ny * z + nz * y)
+    bend[0], bend[2], bend[5] = nx * x - straight, ny * y - straight, nz * z - straight
+    bend[1], bend[3], bend[4] = 0.5 * (nx * y + ny * x), 0.5 * (nx * z + nz * x), 0.5 * (ny * z + nz * y)
 
 
 @njit
@@ -155,26 +159,12 @@ def _linearise(
         upright = max(upright, c * np.cos(turn) - np.sqrt(max(1.0 - c * c, 0.0)) * np.sin(turn))
     slack = ROUNDING * (1.0 + abs(d[0]) + abs(d[1]) + abs(d[2]))
     room = 0.0
-    for block in range(BLOCKS):
-        at = first + block
-        for k in range(2):
-            values[at, k] = 0.0
-            for p in range(6):
-                rows[at, k, p] = residuals.bends[at, k, p] = 0.0
+    for at in range(first, first + BLOCKS):
+        values[at], rows[at], residuals.bends[at] = 0.0, 0.0, 0.0
         residuals.levers[at] = residuals.own[at] = 0.0
+    for block in (FIRST_END, SECOND_END, ALONG):
+        at = first + block
         if block == SECOND_END and curve:
-            continue
-        if block == TILT:
-            widest = np.sin(cone) + ROUNDING
-            residuals.levers[at], residuals.own[at] = 1.0 / widest, widest / np.sin(cone)
-            for k in range(2):
-                ax, ay, az = (ex, ey, ez) if k == 0 else (fx, fy, fz)
-                ax, ay, az = ax / widest, ay / widest, az / widest
-                values[at, k] = ax * d[3] + ay * d[4] + az * d[5]
-                rows[at, k, 0] = d[4] * az - d[5] * ay
-                rows[at, k, 1] = d[5] * ax - d[3] * az
-                rows[at, k, 2] = d[3] * ay - d[4] * ax
-                _bend(ax, ay, az, d[3], d[4], d[5], residuals.bends[at, k])
             continue
         step = 0.0 if curve or block == ALONG else d[6] if block == FIRST_END else -d[6]
         x, y, z = d[0] + step * d[3], d[1] + step * d[4], d[2] + step * d[5]
@@ -190,11 +180,15 @@ def _linearise(
             ax, ay, az = (ux, uy, uz) if block == ALONG else (ex, ey, ez) if k == 0 else (fx, fy, fz)
             ax, ay, az = ax / widest, ay / widest, az / widest
             values[at, k] = ax * (x - mx) + ay * (y - my) + az * (z - mz)
-            rows[at, k, 0] = gy * az - gz * ay
-            rows[at, k, 1] = gz * ax - gx * az
-            rows[at, k, 2] = gx * ay - gy * ax
+            _turned(ax, ay, az, gx, gy, gz, rows[at, k], residuals.bends[at, k])
             rows[at, k, 3], rows[at, k, 4], rows[at, k, 5] = ax, ay, az
-            _bend(ax, ay, az, gx, gy, gz, residuals.bends[at, k])
+    at, widest = first + TILT, np.sin(cone) + ROUNDING
+    residuals.levers[at], residuals.own[at] = 1.0 / widest, widest / np.sin(cone)
+    for k in range(2):
+        ax, ay, az = (ex, ey, ez) if k == 0 else (fx, fy, fz)
+        ax, ay, az = ax / widest, ay / widest, az / widest
+        values[at, k] = ax * d[3] + ay * d[4] + az * d[5]
+        _turned(ax, ay, az, d[3], d[4], d[5], rows[at, k], residuals.bends[at, k])
     gx, gy, gz = d[0] - centre[0], d[1] - centre[1], d[2] - centre[2]
     away = np.sqrt((d[0] - mx) ** 2 + (d[1] - my) ** 2 + (d[2] - mz) ** 2)
     lever = np.sqrt(gx * gx + gy * gy + gz * gz)
@@ -300,12 +294,13 @@ def _growth(normal: FloatArray, inverse: FloatArray, turn: float, shift: float) 
     is that of the inverse, so that the first part is rounding. The second is at most the square root of the largest
     eigenvalue of Y normal Y^T, times that of d normal d.
     """
-    image = inverse[:3] @ normal
+    first = inverse[:3]
+    image = first @ normal
     rest = 0.0
     for p in range(3):
         for q in range(6):
             rest += abs((1.0 if p == q else 0.0) - image[p, q]) * (turn if q < 3 else shift)
-    spread = image @ inverse[:3].T
+    spread = image @ first.T
     mean = (spread[0, 0] + spread[1, 1] + spread[2, 2]) / 3.0
     aside = 0.0
     for p in range(3):
@@ -489,7 +484,6 @@ def _approach(residuals: _Residuals, step: FloatArray, turn: float, shift: float
     worst = _squared_norms(residuals, step, squares)
     for level in range(MINIMAX.powers):
         power = 2.0**level
-        bound = 0.0
         for _ in range(MINIMAX.newton if level > 0 else 1):
             if worst <= MINIMAX.below_one:
                 return False
@@ -657,8 +651,7 @@ def refute(motion: FloatArray, turn: float, a: IntArray, i: IntArray, sample: Sa
     """
     m = len(a)
     blocks = BLOCKS * m + 2
-    residuals, step = _room_for(blocks), np.zeros(6)
-    fit = _Fit(np.empty(blocks), np.empty(6), np.empty(6))
+    residuals, fit = _room_for(blocks), _Fit(np.empty(blocks), np.empty(6), np.empty(6))
     centre, tried, reach = _centroid(sample, a), motion.copy(), turn
     for _ in range(MINIMAX.linearisations):
         shift = _linearise_all(tried, reach, centre, a, i, sample, residuals)
@@ -666,7 +659,7 @@ def refute(motion: FloatArray, turn: float, a: IntArray, i: IntArray, sample: Sa
         if _fits_here(residuals):
             motion[:] = tried
             return FEASIBLE
-        step[:] = 0.0
+        step = np.zeros(6)
         if _approach(residuals, step, reach, shift, fit):
             total = fit.weights.sum()
             for k in range(m):
@@ -731,14 +724,13 @@ def narrow_in_parts(motion: FloatArray, turn: float, a: IntArray, i: IntArray, s
 @njit
 def common_pose(motion: FloatArray, a: IntArray, i: IntArray, sample: Sample) -> bool:
     """Whether a pose is found, starting from ``motion``, that lays all a on i (m,) within tolerances; in place."""
-    residuals, step = _room_for(BLOCKS * len(a)), np.empty(6)
+    residuals, centre = _room_for(BLOCKS * len(a)), _centroid(sample, a)
     fit = _Fit(np.empty(BLOCKS * len(a)), np.empty(6), np.empty(6))
-    centre = _centroid(sample, a)
     for _ in range(MINIMAX.linearisations):
         _linearise_all(motion, 0.0, centre, a, i, sample, residuals)
         if _fits_here(residuals):
             return True
-        step[:] = 0.0
+        step = np.zeros(6)
         if _approach(residuals, step, -1.0, np.inf, fit):
             return False
         _follow(motion, centre, step)
@@ -748,37 +740,48 @@ def common_pose(motion: FloatArray, a: IntArray, i: IntArray, sample: Sample) ->
 
 
 @njit
+def _halved(cube: FloatArray, turn: float, out: FloatArray) -> int:
+    """Those of the eight cubes of half a cube's side that hold turns of a region, into the first rows of out (8, 4).
+
+    cube : (4,) rotation vector of its middle and half its side, radians. Returns how many they are.
+    """
+    half = 0.5 * cube[3]
+    count = 0
+    for corner in range(8):
+        square = 0.0
+        for p in range(3):
+            out[count, p] = cube[p] + (half if corner >> p & 1 else -half)
+            square += out[count, p] ** 2
+        out[count, 3] = half
+        count += np.sqrt(square) <= turn + np.sqrt(3.0) * half
+    return count
+
+
+@njit
 def search_rotations(motion: FloatArray, turn: float, a: IntArray, i: IntArray, sample: Sample) -> int:
     """As :func:`refute`, in parts: a cube of rotation vectors about the region is halved where it is OPEN (lemma 8)."""
     unused, centre, step = np.empty(len(a)), _centroid(sample, a), np.zeros(6)
     most = max(REGIONS.pairings // len(a), 1)
-    stack = np.empty((8 * most + 8, 4))
-    stack[0, :3], stack[0, 3] = 0.0, turn
-    waiting, tried = 1, 0
-    while waiting > 0:
+    # The last of the cubes that wait is looked at, and gives way to its parts.
+    stack = np.zeros((8 * (most + 1), 4))
+    stack[0, 3] = turn
+    waiting = 1
+    for _ in range(most):
         waiting -= 1
-        tried += 1
-        if tried > most:
-            return OPEN
-        half = stack[waiting, 3]
-        step[:3] = stack[waiting, :3]
+        cube = stack[waiting].copy()
+        step[:3] = cube[:3]
         pose = motion.copy()
         _follow(pose, centre, step)
-        part = narrow(pose, min(np.sqrt(3.0) * half + ROUNDING, np.pi), a, i, sample)
+        part = narrow(pose, min(np.sqrt(3.0) * cube[3] + ROUNDING, np.pi), a, i, sample)
         state = INFEASIBLE if part < 0.0 else refute(pose, part, a, i, sample, unused)
         if state == FEASIBLE:
             motion[:] = pose
             return FEASIBLE
-        if state == INFEASIBLE:
-            continue
-        for corner in range(8):
-            square = 0.0
-            for p in range(3):
-                stack[waiting, p] = step[p] + (0.5 if corner >> p & 1 else -0.5) * half
-                square += stack[waiting, p] ** 2
-            stack[waiting, 3] = 0.5 * half
-            waiting += np.sqrt(square) <= turn + np.sqrt(3.0) * 0.5 * half
-    return INFEASIBLE
+        if state == OPEN:
+            waiting += _halved(cube, turn, stack[waiting:])
+        if waiting == 0:
+            return INFEASIBLE
+    return OPEN
 
 
 @njit
@@ -888,11 +891,11 @@ def infeasible_subset(
     m = len(a)
     order = np.argsort(-weights)
     unused = np.empty(m)
-    size = min(3, m)
+    size = min(SUBSETS.least, m)
     while size < m:
         if refute(motion.copy(), turn, a[order[:size]], i[order[:size]], sample, unused[:size]) == INFEASIBLE:
             break
-        size += 1 if size < SUBSETS.few else SUBSETS.several if size < SUBSETS.many else m
+        size += max(size // SUBSETS.growth, 1)
     chosen = order[: min(size, m)].copy()
     k = len(chosen) - 1
     while k >= 0 and len(chosen) > 2 and len(chosen) <= SUBSETS.minimal:

@@ -95,16 +95,15 @@ class SubsetSizes(NamedTuple):
 
     Attributes
     ----------
-    few, several, many
-        One more at a time up to ``few``, then ``several`` at a time up to ``many``, then all.
+    least, growth
+        Pairings that are tried first; then one part in so many more at a time, or one.
     minimal
         A subset of at most so many pairings is made minimal; a larger one is used as it is.
     """
 
-    few: int
-    several: int
-    many: int
+    least: int
+    growth: int
     minimal: int
 
 
-SUBSETS = SubsetSizes(8, 4, 24, 12)
+SUBSETS = SubsetSizes(3, 4, 12)
