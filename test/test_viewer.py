@@ -308,7 +308,7 @@ def test_a_port_that_is_taken_is_said_in_one_line(capsys):
 
 
 def test_the_server_answers_this_machine_alone_and_sends_the_newest(monkeypatch):
-    monkeypatch.setattr('model_matcher.viewing.server.SIGN_OF_LIFE_S', 0.05)
+    monkeypatch.setattr('model_matcher.viewing.server.SILENT_S', 0.05)
     server = PageServer('<p>here</p>', 0)
     try:
         assert urllib.request.urlopen(server.url, timeout=5).read() == b'<p>here</p>'

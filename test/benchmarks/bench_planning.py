@@ -34,9 +34,9 @@ from model_matcher.closed_form.planning.judging import off_by
 from model_matcher.closed_form.planning.part import PlannedPart
 from model_matcher.closed_form.planning.prediction import predict
 from model_matcher.closed_form.planning.rig import PlannedRig, Sensor, rig_of_numbers
-from model_matcher.closed_form.planning.settings import BOX_VARIANCE
 from model_matcher.closed_form.planning.task import TRIAL, Job, Task, do_job, files_of_part
 from model_matcher.closed_form.planning.volume import Volume
+from model_matcher.geometry.settings import UNIFORM_VARIANCE
 from model_matcher.image_pose.measurement import measure_pose
 from model_matcher.image_pose.views import Views
 from model_matcher.pipeline import survey
@@ -148,7 +148,7 @@ def _seen(folder: Path, family: str) -> Iterator[Seen]:
             offs = [off_by(part, one.pose, answer.pose) for answer in answers]
             near = min((off for off in offs if off.within(*WRONG)), key=lambda off: off.position, default=None)
             error = measure_pose(one.part.index.shape, one.pose, views).error
-            psf = float(np.sqrt(max(float(views.blur.mean()) ** 2 - BOX_VARIANCE, 0.0)))
+            psf = float(np.sqrt(max(float(views.blur.mean()) ** 2 - UNIFORM_VARIANCE, 0.0)))
             yield Seen(
                 pair.name,
                 part,

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from csg_renderer import Solid, visible_fragments
-from model_matcher.closed_form.planning.settings import ROUNDING_VARIANCE
 from model_matcher.closed_form.planning.steps import edge_information, step_heights
+from model_matcher.geometry.settings import UNIFORM_VARIANCE
 from msgs_py import FeatureKind, PinholeCamera, Pose
 
 # Samples stand so far apart, pixels; a curve is followed in so many chords.
@@ -109,7 +109,7 @@ def pose_bound(
     noise : grey levels, independent in every pixel; rounding is added
     others : solids that may stand in front, with their left_T_solid
     """
-    sigma = float(np.sqrt(noise**2 + ROUNDING_VARIANCE))
+    sigma = float(np.sqrt(noise**2 + UNIFORM_VARIANCE))
     information, size = np.zeros((6, 6)), 0.0
     for view in views:
         samples = edge_samples(solid, left_T_part, view, others)

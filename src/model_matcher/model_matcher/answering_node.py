@@ -16,6 +16,7 @@ from csg_renderer.mesh.units import GUESS, MESH_UNITS
 from msgs_py import FeatureSet, Interpretation
 from msgs_py.codecs import features_to_markers, pose_to_stamped, poses_to_array, report_from_interpretations
 from msgs_py.node_runtime.config import parameter
+from msgs_py.node_runtime.settings import DIAGNOSTICS_PERIOD_S
 from msgs_py.node_runtime.stamp_sync import stamp_ns
 
 from .catalogue.catalogue import Share
@@ -27,7 +28,6 @@ from .params import MatchResult
 from .settings import NAMED_MODELS
 
 TOPIC = 'interpretations'
-WATCH_PERIOD_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ class AnsweringNode(ModelNode[_A]):
 
     def _look_for_changes(self) -> None:
         now = time.monotonic()
-        if self.config.watch and now - self._looked_at >= WATCH_PERIOD_S:
+        if self.config.watch and now - self._looked_at >= DIAGNOSTICS_PERIOD_S:
             self._looked_at = now
             if self._library.changed():
                 self._load()

@@ -33,9 +33,7 @@ KIND_COLOURS = {FeatureKind.EDGE: GREEN, FeatureKind.CURVE: BLUE, FeatureKind.AX
 COLOURS = (GREEN, ORANGE, BLUE, PURPLE, RED)
 # Lines are drawn on an enlarged image, so that sub-pixel differences show.
 ENLARGE = 2
-_SHIFT = 6  # fractional bits of OpenCV's fixed-point coordinates
-# Pixels on the enlarged image: a coordinate beyond this overflows the fixed-point range and is far outside the picture.
-_FARTHEST_PX = 1e5
+SHIFT = 6  # fractional bits of OpenCV's fixed-point coordinates
 
 
 def canvas(image: np.ndarray, enlarge: int = ENLARGE, dim: float = 1.0) -> np.ndarray:
@@ -61,11 +59,17 @@ def draw_features(
             continue
         # A pixel's centre is an integer in the camera and the middle of a block of pixels on the canvas.
         placed = (pixels + 0.5) * enlarge - 0.5
-        if np.abs(placed).max() > _FARTHEST_PX:
+        # OpenCV draws with 16 bits before the point; what is beyond is far outside the picture.
+        if np.abs(placed).max() > np.iinfo(np.int16).max:
             continue
-        points = np.round(placed * (1 << _SHIFT)).astype(np.int32).reshape(-1, 1, 2)
-        cv2.polylines(picture, [points], False, colour, thickness, cv2.LINE_AA, _SHIFT)
+        draw_line(picture, placed, colour, thickness)
     return picture
+
+
+def draw_line(picture: np.ndarray, places: np.ndarray, colour: Colour, thickness: int = 1) -> None:
+    """Draw a line through places (n, 2) float64, pixels, to a fraction of one."""
+    points = np.rint(places * 2**SHIFT).astype(np.int32)
+    cv2.polylines(picture, [points], False, colour, thickness, cv2.LINE_AA, SHIFT)
 
 
 def side_by_side(*images: np.ndarray, gap: int = 8) -> np.ndarray:

@@ -13,13 +13,13 @@ import numpy as np
 
 from msgs_py import Interpretation
 from msgs_py.node_runtime.settings import NANOSECONDS
+from msgs_py.numeric.robust import OUTLYING
 from msgs_py.numeric.spatial import rotations as spatial_rotations
 from msgs_py.numeric.typed import FloatArray
 
 from .model.equal_poses import at_point, equal_motions
 from .model.index import ModelIndex
-from .model.settings import EXACT, SAME, SAME_POSE_DEG
-from .settings import SAME_INSTANCE
+from .model.settings import EXACT, SAME
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class Instances:
         )
         names: dict[int, str] = {}
         for distance, i, k in distances:
-            if distance < SAME_INSTANCE and i not in names and self._seen[k].name not in names.values():
+            if distance < OUTLYING[6] and i not in names and self._seen[k].name not in names.values():
                 names[i] = self._seen[k].name
         for i, new in enumerate(found):
             if i not in names:
@@ -145,4 +145,4 @@ def _spread(index: ModelIndex, found: Interpretation) -> FloatArray:
     """The covariance of a pose; where it is not stated, that of poses that count as the same."""
     if found.covariance is not None:
         return found.covariance
-    return np.diag(np.repeat([(SAME * index.size) ** 2, np.radians(SAME_POSE_DEG) ** 2], 3))
+    return np.diag(np.repeat([(SAME * index.size) ** 2, (2.0 * SAME) ** 2], 3))

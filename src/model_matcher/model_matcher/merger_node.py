@@ -22,7 +22,7 @@ from msgs_py.node_runtime.stamp_sync import stamp_ns
 from .answering_node import TOPIC, AnsweringConfig, AnsweringNode
 from .catalogue.merging import merged
 from .params import MatchResult
-from .settings import LOOK_FOR_SHARDS_S, MERGED_AT_ONCE, MOST_SHARDS
+from .settings import MESSAGES_KEPT, MOST_SHARDS, WAIT_S
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class MergerNode(AnsweringNode[MergerConfig]):
         self._answers.tell_symmetries()
         for number in range(1, self.config.shards + 1):
             self.listen(DiagnosticArray, f'shard_{number}/{TOPIC}/report', self._heard(number))
-        self.every(LOOK_FOR_SHARDS_S, self._wait_no_longer, clock=self._steady_clock)
+        self.every(WAIT_S, self._wait_no_longer, clock=self._steady_clock)
 
     def deactivate(self) -> None:
         """Forget what is not answered yet."""
@@ -118,7 +118,7 @@ class MergerNode(AnsweringNode[MergerConfig]):
             for earlier in [one for one in self._pending if one < stamp]:
                 self._answer(earlier)
             self._answer(stamp)
-        while len(self._pending) > MERGED_AT_ONCE:
+        while len(self._pending) > MESSAGES_KEPT:
             self._answer(next(iter(self._pending)))
 
     def _wait_no_longer(self) -> None:

@@ -31,7 +31,7 @@ from .model.library import working_distance
 from .node_views import ViewMemory, views_of
 from .params import CONSTRAINTS, ENGINES, ORDERINGS, SCALES, SEARCHES, MatchParams, MatchResult
 from .pipeline import compile_steps, survey
-from .settings import WAIT_FOR_IMAGES_S
+from .settings import WAIT_S
 
 _DEFAULT = MatchParams()
 
@@ -178,7 +178,7 @@ class MatcherNode(AnsweringNode[MatcherConfig]):
         self._answers.tell_symmetries()
         self.listen_images(CameraTopics.of(self.config, self.config.cameras), self._on_images, optional=True)
         self.listen(PointCloud2, 'features', self._on_features, adapted=True)
-        self.every(WAIT_FOR_IMAGES_S, self._wait_no_longer, clock=self._steady_clock)
+        self.every(WAIT_S, self._wait_no_longer, clock=self._steady_clock)
 
     def deactivate(self) -> None:
         """End the search, and forget what it was about."""
@@ -257,7 +257,7 @@ class MatcherNode(AnsweringNode[MatcherConfig]):
 
     def _wait_no_longer(self) -> None:
         self._search.look()
-        if self._waiting is not None and time.monotonic() - self._waiting[1] >= WAIT_FOR_IMAGES_S:
+        if self._waiting is not None and time.monotonic() - self._waiting[1] >= WAIT_S:
             self._images.clear()  # they may have ended: what follows waits only when they come again
             self._answer_waiting()
 

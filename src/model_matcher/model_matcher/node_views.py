@@ -9,7 +9,7 @@ from msgs_py.codecs import in_eight_bits
 from msgs_py.node_runtime.camera_input import CameraImages
 
 from .image_pose.views import Views
-from .settings import IMAGES_KEPT
+from .settings import MESSAGES_KEPT
 
 
 def views_of(images: CameraImages) -> Views:
@@ -28,7 +28,7 @@ class ViewMemory:
         How many are kept.
     """
 
-    def __init__(self, most: int = IMAGES_KEPT) -> None:
+    def __init__(self, most: int = MESSAGES_KEPT) -> None:
         self._most = most
         self._views: OrderedDict[int, Views] = OrderedDict()
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -16,7 +15,7 @@ from scipy.spatial import Delaunay, cKDTree
 from csg_renderer import Solid, SolidOutline, model_features
 from csg_renderer.features.mesh_outline import compile_steps as mesh_steps
 from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, PinholeCamera, Pose
-from msgs_py.numeric.deadline import Deadline
+from msgs_py.numeric.deadline import Deadline, blocks
 from msgs_py.numeric.steps import CompileStep, run_all
 from msgs_py.numeric.threads import spread_until
 
@@ -39,7 +38,8 @@ from .search.free_scale import match_free
 from .search.pair_search import Candidates, search_pairs
 from .search.parallel_search import search_all_parallel
 from .search.prefilter import prefilter
-from .settings import ALL_PAIRED, BLOCK, LIBRARY, LOOK_S, LOOKED_AT, NEIGHBOURS, PATIENCE, PERIODIC, SHARES
+from .search.settings import ALL_PAIRED, MOST_CANDIDATES, NEAR, SHARES
+from .settings import LOOKED_AT, PATIENCE, PERIODIC
 from .verification.acceptance import accept
 from .verification.false_alarms import needed_evidence, needed_with_images
 from .verification.image_evidence import accepted_by_images, compete
@@ -156,7 +156,7 @@ def _match_hypotheses(
     if n > ALL_PAIRED:
         longest = 1.1 * float(index.rows[:, 6].max()) + float(problem.tolerances[:, 0].max())
         neighbours, all_ranked = _neighbours(rows, longest, deadline.share(SHARES.ranking))
-    pairs, partners = rank_pairs(rows, neighbours, index.size, NEIGHBOURS)
+    pairs, partners = rank_pairs(rows, neighbours, index.size, 2 * NEAR)
     searching = deadline.share(SHARES.searching)
     parts: list[tuple[Refined, _Found]] = []
     for least in (PATIENCE.least, np.inf):
@@ -223,16 +223,11 @@ def _search(
 ) -> _Found:
     """Try the ranked pairs from number ``begin`` on."""
     table = distinct_pairs(problem.index)
-    # What a pair takes grows with the square of the model: the first says how many fit between two looks at the clock.
-    block = 1
-    looked = time.perf_counter()
     for room in (CANDIDATES, PERIODIC * CANDIDATES):
         motions = np.zeros((room, 12))
         scores = np.zeros(room)
         state = np.array([0, 0, begin, 0])
-        first, in_time = begin, True
-        while first < len(pairs) and not state[3] and in_time:
-            last = min(len(pairs), first + block)
+        for first, last in blocks(len(pairs), deadline, begin):
             search_pairs(
                 pairs,
                 partners,
@@ -246,14 +241,9 @@ def _search(
                 Candidates(motions, scores),
                 state,
             )
-            first = last
-            now = time.perf_counter()
-            if now - looked > LOOK_S:
-                block = max(1, block // 2)
-            elif now - looked < LOOK_S / 10:
-                block *= 4
-            looked = now
-            in_time = not deadline.passed
+            if state[3]:
+                break
+        in_time = state[2] >= len(pairs) or state[3] or not deadline.passed
         if np.floor(scores[-1]) < NEARLY_ALL * np.floor(scores[0]) or scores[0] == 0.0 or not in_time:
             break
     stopped = 'patience' if state[3] else 'exhausted' if in_time else 'time limit'
@@ -266,16 +256,15 @@ def _neighbours(rows: np.ndarray, longest: float, deadline: Deadline) -> tuple[n
     Curves and long edges go first, edges whose half length exceeds ``longest`` (metres) last, for the model has
     none such. Where there was no time, a feature has -1 for its neighbours.
     """
-    count = min(len(rows), 3 * NEIGHBOURS)
+    count = min(len(rows), 6 * NEAR)
     near = np.full((len(rows), count), -1, np.int32)
     order = np.lexsort((-rows[:, 6], rows[:, 6] > 0.0, rows[:, 6] > longest))
     tree = cKDTree(rows[:, :3])
-    for first in range(0, len(rows), BLOCK):
-        if first and deadline.passed:
-            return near, False
-        some = order[first : first + BLOCK]
+    last = 0
+    for first, last in blocks(len(rows), deadline):
+        some = order[first:last]
         near[some] = tree.query(rows[some, :3], k=count)[1]
-    return near, True
+    return near, last == len(rows)
 
 
 def recognise(
@@ -346,7 +335,7 @@ def survey(
     else:
         indexes, reasons = _usable_models(models)
         n_models = len(indexes)
-        if n_models > LIBRARY and params.scale == 'known':
+        if n_models > MOST_CANDIDATES and params.scale == 'known':
             indexes = [indexes[k] for k in prefilter(indexes, data, params, deadline.share(SHARES.ranking))]
     if n_models and not indexes:
         reasons.append('no model of the library explains three data features near each other')
@@ -488,7 +477,7 @@ def compile_steps(
     steps.append(CompileStep('search by a tree', lambda: match(bars, bars)))  # all being parallel
     if catalogue:
         steps.append(CompileStep('candidates from an index', lambda: _ask_an_index(model, asked)))
-    elif n_models > LIBRARY:
+    elif n_models > MOST_CANDIDATES:
         steps.append(CompileStep('choice from a library', lambda: prefilter([indexed(model, 'model')], model, asked)))
     if images:
         steps += [CompileStep('what images show of a model', _find_in_image), *mesh_steps()]

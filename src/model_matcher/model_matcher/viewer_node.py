@@ -26,11 +26,12 @@ from msgs_py.node_runtime.settings import NANOSECONDS
 from msgs_py.node_runtime.stamp_sync import stamp_ns
 
 from .node_views import views_of
+from .settings import MESSAGES_KEPT
 from .tracker_node import topic_name
 from .viewing.moments import Moment, Placed, moment_record, placed_objects
 from .viewing.page import page_of
 from .viewing.server import PageServer
-from .viewing.settings import PORT, SILENT_S, WAITING
+from .viewing.settings import PORT, SILENT_S
 
 Lines = list[list[list[float]]]
 # What a moment is made of; each comes on topics of its own.
@@ -89,7 +90,7 @@ class ViewerNode(GraphNode[ViewerConfig]):
     def activate(self) -> None:
         """Subscribe to all that may be shown."""
         topics = CameraTopics.of(self.config, self.config.cameras)
-        self.listen_images(topics, self._on_images, WAITING, optional=True)
+        self.listen_images(topics, self._on_images, MESSAGES_KEPT, optional=True)
         self.listen(PointCloud2, 'features', self._on_features, optional=True)
         self.listen(DiagnosticArray, 'interpretations/report', self._on_report, optional=True)
         self.listen(MarkerArray, 'interpretations/markers', self._on_markers, optional=True)
@@ -177,7 +178,7 @@ class ViewerNode(GraphNode[ViewerConfig]):
         self._heard[kind] = time.monotonic()
         parts = self._parts.setdefault(stamp, {})
         parts[kind] = part
-        while len(self._parts) > WAITING:
+        while len(self._parts) > MESSAGES_KEPT:
             self._parts.popitem(last=False)
         if stamp >= self._shown and self._coming() <= set(parts):
             self._shown = stamp

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from scipy.special import ndtr
 
 from model_matcher.image_pose.alignment import Placed
-from model_matcher.image_pose.neighbours import may_hide, neighbours
+from model_matcher.image_pose.neighbours import may_hide, neighbours, own_step
 from model_matcher.image_pose.presence import crowded, overlap
 from model_matcher.image_pose.profiles import _normal_integral, _step_rows, _straight_profile, profile
-from model_matcher.image_pose.settings import FLANK, OWN_STEP, PARALLEL
+from model_matcher.image_pose.settings import FLANK, SPACING
 
 
 def strokes(rng: np.random.Generator, count: int) -> Placed:
@@ -39,7 +39,7 @@ def pairs_of(one: Placed, other: Placed) -> tuple[np.ndarray, np.ndarray, np.nda
 def test_a_point_is_crowded_where_an_earlier_curve_is_near(seed, count):
     placed = strokes(np.random.default_rng(seed), count)
     same_view, shift, _ = pairs_of(placed, placed)
-    near = same_view & ((shift**2).sum(axis=2) < OWN_STEP**2) & (placed.group[:, None] > placed.group[None])
+    near = same_view & ((shift**2).sum(axis=2) < own_step() ** 2) & (placed.group[:, None] > placed.group[None])
     np.testing.assert_array_equal(crowded(placed), near.any(axis=1))
 
 
@@ -56,7 +56,7 @@ def test_of_two_curves_on_one_step_the_farther_may_hide(seed, count):
     placed = placed._replace(point=rng.uniform(1.0, 2.0, placed.point.shape))
     same_view, shift, _ = pairs_of(placed, placed)
     later = placed.group[:, None] > placed.group[None]
-    near = same_view & later & ((shift**2).sum(axis=2) < OWN_STEP**2)
+    near = same_view & later & ((shift**2).sum(axis=2) < own_step() ** 2)
     depth = np.where(placed.eye == 0, placed.point[:, 2], placed.point[:, 0])
     expected = ((near | near.T) & (depth[:, None] > depth[None])).any(axis=1)
     np.testing.assert_array_equal(may_hide(placed, STILL, ALONG_Z_AND_X), expected)
@@ -68,7 +68,7 @@ def test_room_beside_a_point_ends_at_the_nearest_curve_across(seed, count):
     placed = strokes(np.random.default_rng(seed), count)
     flank = neighbours(placed, np.full(len(placed.group), 4.0))[1]
     same_view, shift, cosine = pairs_of(placed, placed)
-    across = same_view & (placed.group[:, None] != placed.group[None]) & (np.abs(cosine) < PARALLEL)
+    across = same_view & (placed.group[:, None] != placed.group[None]) & ((1.0 - cosine**2) * SPACING**2 > 1.0)
     gap = np.where(across & (np.abs(shift).max(axis=2) <= FLANK + 4.0), np.linalg.norm(shift, axis=2) - 2.0, np.inf)
     room = np.trunc(np.minimum(gap.min(axis=1), FLANK))
     np.testing.assert_array_equal(flank, np.where(room < 2, 0, room))

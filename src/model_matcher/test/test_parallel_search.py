@@ -18,6 +18,7 @@ from model_matcher.model.symmetry import axis_of_revolution, common_axis, equal_
 from model_matcher.search.pair_search import Candidates
 from model_matcher.search.parallel_search import search_all_parallel
 from msgs_py import FeatureKind, FeatureSet, Pose
+from msgs_py.numeric.deadline import Deadline
 
 
 def cylinder(radius: float, length: float, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Solid:
@@ -48,7 +49,7 @@ ANY = MatchParams(min_matched=1, false_alarm_rate=1.0)
 def poses_of(index: ModelIndex, data: FeatureSet, edges: bool) -> list[Pose]:
     problem = make_problem(index, data, ANY)
     candidates = Candidates(np.zeros((500, 12)), np.zeros(500))
-    search_all_parallel(problem, edges, candidates, np.inf)
+    search_all_parallel(problem, edges, candidates, Deadline())
     return [
         Pose(row[:9].reshape(3, 3), row[9:]) for row, score in zip(candidates.motions, candidates.scores) if score > 0.0
     ]

@@ -12,11 +12,11 @@ from model_matcher import MatchParams, match
 from model_matcher.closed_form.comparison import squared_deviation
 from model_matcher.closed_form.synthetic.scenes import MODELS, chipped_block, measured, random_pose
 from model_matcher.geometry.features import FeatureRows
-from model_matcher.geometry.settings import OUTLYING_CURVE, OUTLYING_LINE
 from model_matcher.geometry.weighted_fit import weighted_fit
 from model_matcher.model.index import feature_rows, index_model
 from model_matcher.verification.settings import STATED_WORTH
 from msgs_py import FeatureKind, FeatureSet, Pose
+from msgs_py.numeric.robust import OUTLYING
 
 POSES = 100
 
@@ -121,7 +121,7 @@ def test_a_fit_is_the_least_squares_of_whitened_residuals():
                 rows = np.kron(np.eye(2), flat)
                 residual = rows @ np.concatenate([data.start[k] - m, data.end[k] - m])
             value = residual @ np.linalg.solve(rows @ covariance[k] @ rows.T, residual)
-            assert value < (OUTLYING_CURVE if curve[k] else OUTLYING_LINE) * fit.scale
+            assert value < OUTLYING[5 if curve[k] else 4] * fit.scale
             total += value
         return total
 

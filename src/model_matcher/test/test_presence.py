@@ -11,7 +11,7 @@ from model_matcher import match
 from model_matcher.closed_form.comparison import best_pose_error
 from model_matcher.verification.acceptance import _share_evidence
 from model_matcher.verification.refinement import Refined
-from model_matcher.verification.settings import OUTDONE
+from model_matcher.verification.settings import WORST
 from msgs_py import FeatureSet, Pose
 
 
@@ -37,10 +37,10 @@ def candidates(data: list[list[int]], evidence: list[float], n: int = 10) -> tup
     ('data', 'evidence', 'best'),
     [
         ([[0, 1, 2, 3, 4, 5, 6], [0, 1, 2, 3]], [12.0, 14.0], 0),  # more of the same data
-        ([[0, 1, 2, 3, 4, 5, 6], [0, 1, 2, 3]], [12.0, 12.1 + 2.0 * OUTDONE], 1),  # so much weaker is another matter
+        ([[0, 1, 2, 3, 4, 5, 6], [0, 1, 2, 3]], [12.0, 12.1 + 2.0 * WORST], 1),  # so much weaker is another matter
         ([[0, 1, 2, 3, 4, 5, 6], [6, 7, 8, 9]], [12.0, 14.0], 1),  # other data
         ([[0, 1, 2, 3, 4], [0, 1, 2, 3]], [12.0, 14.0], 0),
-        ([[0, 1, 2, 3, 4], [0, 1, 2, 3]], [12.0, 12.1 + OUTDONE], 1),  # one feature more weighs less than two
+        ([[0, 1, 2, 3, 4], [0, 1, 2, 3]], [12.0, 12.1 + WORST], 1),  # one feature more weighs less than two
         ([[0, 1, 2, 3], [0, 1, 2, 3]], [12.0, 14.0], 1),
     ],
 )

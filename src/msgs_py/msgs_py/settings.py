@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from .numeric.settings import BOUND_SIGMA as BOUND_SIGMA
+
 # Relative difference of two intrinsics that a rectified pair must share: calibration files carry about so many digits.
 RECTIFIED_TOLERANCE = 1e-6
 # Largest element of R R^T - I of a rotation matrix that is accepted; a larger one is no rounding error.
@@ -17,8 +19,6 @@ LENS_TABLE, LENS_STEPS = 2048, 6
 LENS_ROUNDING = 1e-9
 # Shortest norm of a quaternion that still has a direction; shorter ones are message fields that were never set.
 SHORTEST_QUATERNION = 1e-12
-# How many sigma err_par and err_per of a feature are.
-BOUND_SIGMA = 3.0
 
 # -- files of others --------------------------------------------------------------------------------------------------
 

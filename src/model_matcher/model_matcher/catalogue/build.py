@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from msgs_py import FeatureKind, FeatureSet
+from msgs_py.numeric.deadline import Deadline, blocks
 from msgs_py.numeric.typed import AnyArray, ByteArray, FloatArray
 
 from ..geometry.settings import SMALLEST_LENGTH
@@ -18,7 +19,6 @@ from ..params import MatchParams
 from .catalogue import details_of, table_bytes
 from .pair_table import count_pairs, no_pairs, write_pairs
 from .records import Models, Postings, Scale
-from .settings import BUILT_AT_ONCE
 from .store import writing
 
 
@@ -113,9 +113,9 @@ def write_catalogue(
         np.array([one.radius for one in models]),
     )
     starts = no_pairs()
-    for first in range(0, m, BUILT_AT_ONCE):
-        count_pairs(features, scale, starts, first, min(m, first + BUILT_AT_ONCE))
-        progress('pairs counted', min(m, first + BUILT_AT_ONCE), m)
+    for first, last in blocks(m, Deadline()):
+        count_pairs(features, scale, starts, first, last)
+        progress('pairs counted', last, m)
     np.cumsum(starts, out=starts)
     pairs = int(starts[-1])
     tables = {'names': table_bytes([one.name for one in models]), 'sources': table_bytes(sources)}
@@ -140,6 +140,6 @@ def write_catalogue(
             out[name][...] = array
         postings = Postings(starts, out['pair_owner'], out['pair_members'], out['pair_spans'])
         cursor = starts[:-1].copy()
-        for first in range(0, m, BUILT_AT_ONCE):
-            write_pairs(features, scale, cursor, postings, first, min(m, first + BUILT_AT_ONCE))
-            progress('pairs written', min(m, first + BUILT_AT_ONCE), m)
+        for first, last in blocks(m, Deadline()):
+            write_pairs(features, scale, cursor, postings, first, last)
+            progress('pairs written', last, m)

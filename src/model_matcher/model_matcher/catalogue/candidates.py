@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from msgs_py import FeatureKind, FeatureSet
 from msgs_py.numeric.deadline import Deadline
+from msgs_py.numeric.settings import THREADS
 from msgs_py.numeric.threads import spread
 from msgs_py.numeric.typed import AnyArray, Float32Array, FloatArray, Int64Array
 
@@ -39,10 +40,7 @@ from .lookup import (
     vote,
 )
 from .pair_table import in_order, parallel_partners
-from .settings import EACH, LOOKED_AT, MARGIN, OBJECTS, READ, ROUNDS, WEIGHED, Round
-
-# Threads that share a step of which each needs tables of its own.
-HALVES = 2
+from .settings import EACH, LOOKED_AT, OBJECTS, READ, ROUNDS, WEIGHED, Round
 
 
 def candidates(
@@ -161,14 +159,14 @@ def poses_of(catalogue: Catalogue, scene: Scene, pairs: ScenePairs, hits: Hits) 
     for round_ in ROUNDS:
         models = _highest(agreed, round_.models)
 
-        def some(half: int, models: Int64Array = models, round_: Round = round_) -> None:
-            """Poses of every other model."""
+        def some(part: int, models: Int64Array = models, round_: Round = round_) -> None:
+            """Poses of some of the models."""
             vote(
                 scene,
                 pairs,
                 hits,
                 support,
-                models[half::HALVES],
+                models[part::THREADS],
                 round_,
                 catalogue.features,
                 catalogue.postings,
@@ -178,7 +176,7 @@ def poses_of(catalogue: Catalogue, scene: Scene, pairs: ScenePairs, hits: Hits) 
                 votes,
             )
 
-        spread(some, range(HALVES))
+        spread(some, range(THREADS))
     return votes
 
 
@@ -194,14 +192,14 @@ def agreement_of(catalogue: Catalogue, pairs: ScenePairs, hits: Hits) -> tuple[F
     rarity = np.log((catalogue.last - catalogue.first) / np.maximum(counts, 1))
     support, nats = np.empty(len(hits.hits), np.float32), np.zeros(len(catalogue), np.float32)
     # As many hits for each thread.
-    limits = np.searchsorted(hits.starts, np.linspace(0, len(hits.hits), HALVES + 1)[1:-1])
+    limits = np.searchsorted(hits.starts, np.linspace(0, len(hits.hits), THREADS + 1)[1:-1])
     parts = np.concatenate([[catalogue.first], np.clip(limits, catalogue.first, catalogue.last), [catalogue.last]])
 
     def some(part: int) -> None:
         first, last = int(parts[part]), int(parts[part + 1])
         agreement(pairs, hits, rarity, catalogue.features, catalogue.postings, first, last, support, nats)
 
-    spread(some, range(HALVES))
+    spread(some, range(THREADS))
     return support, nats
 
 
@@ -232,20 +230,19 @@ def by_object(catalogue: Catalogue, scene: Scene, votes: Votes) -> list[int]:
     """The models to weigh: of each object, which is the data that a best pose explains, those that explain it best."""
     order = _highest(votes.nats, LOOKED_AT)
     on = np.empty(len(scene.rows), np.int32)
-    heads: list[tuple[AnyArray, float]] = []
+    heads: list[AnyArray] = []
     members: list[list[int]] = []
     for number in order.tolist():
         motion = votes.motions[number].astype(float)
         explained_data(scene, catalogue.features, number, motion, SEARCH_WIDTH, on)
         explained = on >= 0
-        nats = float(votes.nats[number])
-        for (head, best), group in zip(heads, members):
+        for head, group in zip(heads, members):
             if (explained & head).sum() > CLAIMED * explained.sum():
-                if len(group) < WEIGHED and nats > best - MARGIN:
+                if len(group) < WEIGHED:
                     group.append(number)
                 break
         else:
             if len(heads) < OBJECTS:
-                heads.append((explained, nats))
+                heads.append(explained)
                 members.append([number])
     return [number for group in members for number in group]

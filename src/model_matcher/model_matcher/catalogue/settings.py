@@ -8,26 +8,26 @@ from typing import NamedTuple
 
 # First bytes of the file, and the version of what follows: a change of any cell below is another version.
 MAGIC, VERSION = b'PARTSIDX', 1
-# Bytes: arrays begin at multiples of a page; checksums are taken of so many at a time.
-ALIGNMENT, CHECKED_AT_ONCE = 4096, 1 << 24
+# Bytes: arrays begin at multiples of a page.
+ALIGNMENT = 4096
 # The file's name in the folder whose models it holds, when no other is given.
 FILE_NAME = 'models.index'
 
 # -- cells of invariants, in errors (records.py) ---------------------------------------------------------------------
 
-# Cells of the angle between two lines from 0 to 90 degrees; of the distance of lines, each so many errors wide; and of
-# lengths and radii. Edges are seen in part, so their cells are wide.
+# Cells of the angle between two lines from 0 to 90 degrees.
 ANGLES = 18
-APART_CELLS, APART_STEP = 64, 2.0
-LENGTH_CELLS, LENGTH_STEP, CURVE_STEP = 16, 8.0, 4.0
+# Cells of lengths and radii, and how many errors each is wide; of the distance of lines as many as reach as far. Edges
+# are seen in part, so their cells are wide.
+LENGTH_CELLS, LENGTH_STEP, CURVE_STEP = 16, 8, 4
+APART_STEP = 2
+APART_CELLS = LENGTH_CELLS * LENGTH_STEP // APART_STEP
 
 # -- pairs of a model ------------------------------------------------------------------------------------------------
 
 # Partners of a feature whose pairs are in the index, those it pairs with best. A scene asks for the best few of what it
 # shows; where a third of a model is in view, those are among three times as many of the model.
 PARTNERS = 16
-# Models whose pairs are counted or written between two reports of progress.
-BUILT_AT_ONCE = 500
 
 # -- votes of a scene (bench_catalogue.py) ---------------------------------------------------------------------------
 
@@ -67,9 +67,9 @@ class Round(NamedTuple):
 
 ROUNDS = (Round(3000, 8, 3), Round(500, 24, 8), Round(100, 128, 64))
 # Models by their poses, the best of all, that are looked at for what data they explain; objects that are told apart by
-# it; and how many models, and within how many nats of its best, are weighed for each.
+# it; and how many models are weighed for each.
 LOOKED_AT = 512
 OBJECTS = 6
-WEIGHED, MARGIN = 48, 40.0
+WEIGHED = 48
 # Models that are ready for matching and kept for the next scene.
 KEPT_MODELS = 2000

@@ -26,7 +26,7 @@ import numpy as np
 
 from msgs_py.numeric.typed import AnyArray
 
-from .settings import ALIGNMENT, CHECKED_AT_ONCE, MAGIC, VERSION
+from .settings import ALIGNMENT, MAGIC, VERSION
 
 _HEAD = struct.Struct('<8sIII')
 _PENDING = '00000000'
@@ -186,9 +186,5 @@ def _mapped(path: Path, mode: Any, begin: int, record: Mapping[str, Any]) -> Any
 
 
 def _checksum(array: AnyArray) -> int:
-    """CRC-32 of an array's bytes, a piece at a time."""
-    crc = 0
-    data = array.reshape(-1).view(np.uint8).data
-    for first in range(0, len(data), CHECKED_AT_ONCE):
-        crc = zlib.crc32(data[first : first + CHECKED_AT_ONCE], crc)
-    return crc
+    """CRC-32 of an array's bytes."""
+    return zlib.crc32(array.reshape(-1).view(np.uint8).data)

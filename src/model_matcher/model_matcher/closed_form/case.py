@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
-
-from .settings import LONGEST_NAME
 
 # Stages of one run, in order; a progress callback is called with each name when that stage is over. A run through the
 # libraries has no nodes and does not ask the emulator.
@@ -101,6 +100,6 @@ def is_plain_name(name: object) -> bool:
     >>> [is_plain_name(name) for name in ('l_shape, 3', '..', '../x', 'a/b', '/etc', '', 3)]
     [True, False, False, False, False, False, False]
     """
-    if not isinstance(name, str) or not name.strip() or len(name.encode()) > LONGEST_NAME:
+    if not isinstance(name, str) or not name.strip() or len(name.encode()) > os.pathconf('/', 'PC_NAME_MAX'):
         return False
     return name not in ('.', '..') and not any(mark in name for mark in ('/', '\\', '\0'))

@@ -15,7 +15,7 @@ from csg_renderer.scene.solid import FACES
 from csg_renderer.scene.terrain import Terrain, gradient, height_at
 from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, Pose, PoseError
 
-from .settings import FOUND_SHARE, PAIRED_DIRECTION_DEG, SAME_DIRECTION_DEG, SAME_PLACE_M
+from .settings import SAME_DIRECTION_DEG, SAME_PLACE_M
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class EdgeComparison:
     @property
     def edges_found(self) -> int:
         """True edges of which enough is covered."""
-        return int((self.covered >= FOUND_SHARE).sum())
+        return int((self.covered >= 1.0 - self.covered).sum())
 
     @property
     def recall(self) -> float:
@@ -247,12 +247,9 @@ def compare_assignment(
             close = np.linalg.norm(placed.start[target] - data.start[index]) <= allowed
         else:
             single = placed.select([target])
-            close = (
-                compare_edges(
-                    _as_edges(single), _as_edges(data.select([index])), PAIRED_DIRECTION_DEG, allowed
-                ).true_index[0]
-                == 0
-            )
+            # Both ends say it: the direction of an edge of a few millimetres says little.
+            paired = compare_edges(_as_edges(single), _as_edges(data.select([index])), np.inf, allowed)
+            close = paired.true_index[0] == 0
         if not close:
             spurious += 1
             continue

@@ -36,13 +36,14 @@ from stereo_recovery.node import RecoveryNode
 
 from ..model.library import safe_name
 from ..node import MatcherNode
+from ..settings import WAIT_S
 from .array_machine import roberts_through_service
 from .camera_options import camera_config, camera_values
 from .case import Case
 from .comparison import compare_edges, surface_residual
 from .result import CaseResult, judge
 from .scene_files import prepare
-from .settings import SPIN_S, TIMEOUT_S
+from .settings import TIMEOUT_S
 
 # What a node needs to take raw images in place of rectified ones.
 RAW = ['--ros-args', *(word for side in ('left', 'right') for word in ('-r', f'{side}/image_rect:={side}/image_raw'))]
@@ -265,4 +266,4 @@ class GraphRun:
                     for name, node in self.nodes.items()
                 ]
                 raise ValueError(f'{self.case.scene}: waited {TIMEOUT_S:g} s for {what}; {"; ".join(problems)}')
-            self.executor.spin_once(timeout_sec=SPIN_S)
+            self.executor.spin_once(timeout_sec=WAIT_S)

@@ -13,11 +13,6 @@ from msgs_py import Pose
 # (metres): a few times the error of an end point at the distances of the bundled scenes.
 SAME_DIRECTION_DEG = 10.0
 SAME_PLACE_M = 0.003
-# Degrees: a pairing of an interpretation is judged by where the ends lie, within half of SAME_PLACE_M; the direction of
-# an edge of a few millimetres says little, and only has to tell it from its neighbours.
-PAIRED_DIRECTION_DEG = 30.0
-# A true edge counts as found when this part of its length is covered.
-FOUND_SHARE = 0.5
 
 # -- what a case does not say ----------------------------------------------------------------------------------------
 
@@ -37,8 +32,6 @@ CLUTTER_DEPTH = (0.9, 1.5)
 
 # Seconds that one message or service may take before the case is given up.
 TIMEOUT_S = 60.0
-# Seconds that the executor waits before the awaited condition is tested again.
-SPIN_S = 0.05
 
 # -- sequences -------------------------------------------------------------------------------------------------------
 
@@ -87,13 +80,6 @@ class _Occluder(NamedTuple):
 
 
 OCCLUDER = _Occluder(0.95, 0.03, 4.0, 0.2)
-# Pixels that a part may move from one to the next of the pictures whose mean is a blurred one: a pixel's own
-# width closes gaps as wide.
-SUBFRAME_PX = 1.0
-# At most so many of them.
+# Pictures whose mean is a blurred one, at most; else as many as a part moves pixels: a pixel's own width closes gaps as
+# wide.
 SUBFRAMES = 16
-
-# -- saved cases -----------------------------------------------------------------------------------------------------
-
-# Bytes of the longest name of a folder on common file systems.
-LONGEST_NAME = 255

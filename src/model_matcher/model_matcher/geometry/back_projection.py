@@ -12,7 +12,7 @@ from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array, IntArray
 
 from .features import CURVE, DataFeatures, FeatureRows, ModelFeatures
 from .rigid_motion import inverse_rotate, inverse_transform, unpacked
-from .settings import QUALITY_WEIGHT, WIDEST_CONE
+from .settings import WIDEST_CONE
 
 # -- the model's voxel grid ------------------------------------------------------------------------------------------
 
@@ -179,7 +179,8 @@ def count_matches(
     Returns
     -------
     float
-        The number of distinct model features, plus QUALITY_WEIGHT x the mean quality of fit; 0 when it was given up.
+        The number of distinct model features, plus the mean quality of fit, in [0, 1], with one fit of none added, so
+        that one feature more always counts more; 0 when it was given up.
 
     """
     pose = unpacked(motion)
@@ -230,7 +231,7 @@ def count_matches(
                 distinct += 1
     if fits == 0:
         return 0.0
-    return distinct + QUALITY_WEIGHT * quality / fits
+    return distinct + quality / (fits + 1.0)
 
 
 @njit

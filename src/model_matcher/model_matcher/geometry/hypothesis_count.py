@@ -15,7 +15,7 @@ from msgs_py.numeric.typed import BoolArray, IntArray
 from .features import CURVE, DataFeatures, ModelFeatures, PairTable
 from .pair_pose import matching_pairs, pair_window
 from .parallel_pairs import ParallelPairs, lever, matching_parallel, offsets
-from .settings import COUNTED_PAIRS, ENOUGH_HITS, PARALLEL_SINE, TRIED_PAIRS
+from .settings import COUNTED_PAIRS, PARALLEL_SINE, TRIED_PAIRS
 
 
 @njit(nogil=True)
@@ -50,7 +50,7 @@ def count_hypotheses(
     every = n * (n - 1) / 2.0
     # Steps of the golden section of a circle leave no large gap, wherever they end (Weyl's sequence).
     step = 0.5 * (np.sqrt(5.0) - 1.0)
-    while tried < min(every, TRIED_PAIRS) and counted < COUNTED_PAIRS and hits < ENOUGH_HITS:
+    while tried < min(every, TRIED_PAIRS) and counted < COUNTED_PAIRS:
         tried += 1
         place = (place + step) % 1.0
         # The number of a pair among all: b (b - 1) / 2 + a, a < b.

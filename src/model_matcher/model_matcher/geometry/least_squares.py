@@ -13,7 +13,7 @@ from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 from .back_projection import assign
 from .features import CURVE, DataFeatures, ModelFeatures
 from .rigid_motion import compose_small, perpendiculars, transform_line
-from .settings import DAMPING, FREE_EIGENVALUE, NOT_ZERO, SMALLEST_LENGTH, UNIFORM_ANGLE
+from .settings import NOT_ZERO, ROUNDING, SMALLEST_LENGTH, UNIFORM_ANGLE
 
 
 @njit
@@ -215,12 +215,12 @@ def normal_equations(
 
 @njit
 def damp(normal: FloatArray) -> None:
-    """Add DAMPING x the trace to the diagonal of a normal matrix (6, 6): a free motion stays where it is."""
+    """Add a little of the trace to the diagonal of a normal matrix (6, 6): a free motion stays where it is."""
     trace = 0.0
     for i in range(6):
         trace += normal[i, i]
     for i in range(6):
-        normal[i, i] += DAMPING * trace
+        normal[i, i] += NOT_ZERO * trace
 
 
 @njit
@@ -307,7 +307,8 @@ def covariances(normals: FloatArray, chi: FloatArray, levers: FloatArray, size: 
             for j in range(6):
                 scaled[i, j] = normals[k, i, j] * units[i] * units[j]
         values, vectors = np.linalg.eigh(scaled)
-        floor = max(values[5], 1e-300) * FREE_EIGENVALUE
+        # What is damped (see damp) is below it, and still seen to be free.
+        floor = values[5] * ROUNDING
         x, y, z = levers[k, 0], levers[k, 1], levers[k, 2]
         for j in range(6):
             turn = (vectors[0, j] * units[0], vectors[1, j] * units[1], vectors[2, j] * units[2])

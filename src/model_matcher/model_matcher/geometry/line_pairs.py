@@ -10,16 +10,7 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import FloatArray, Int32Array
 
-from .settings import (
-    ANGLE_CELLS,
-    LEAST_GAP,
-    MAX_ANGLE,
-    NORMAL_LENGTH,
-    NOT_ZERO,
-    OFFSET_CELLS,
-    PARALLEL_SINE,
-    SMALLEST_LENGTH,
-)
+from .settings import ANGLE_CELLS, MAX_ANGLE, NOT_ZERO, OFFSET_CELLS, PARALLEL_SINE, SHORTEST, SMALLEST_LENGTH
 
 
 @njit
@@ -173,9 +164,9 @@ def _cost_of_pair(features: FloatArray, a: int, b: int, size: float) -> float:
     across = max(square - wu * fa + wv * fb, 0.0)
     gap = np.sqrt(across + over_a * over_a + over_b * over_b)
     # A curve's normal has no length, but its direction is as good as that of a long edge.
-    la = ha if ha > 0.0 else NORMAL_LENGTH * size
-    lb = hb if hb > 0.0 else NORMAL_LENGTH * size
-    return float((gap + LEAST_GAP * size) / (min(la, lb) * np.sqrt(sine) + NOT_ZERO))
+    la = ha if ha > 0.0 else SHORTEST * size
+    lb = hb if hb > 0.0 else SHORTEST * size
+    return float((gap + SHORTEST * size) / (min(la, lb) * np.sqrt(sine) + NOT_ZERO))
 
 
 @njit

@@ -11,12 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.robust import OUTLYING
 from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
 from .features import CURVE, FeatureRows
 from .least_squares import cholesky, damp, solve6
 from .rigid_motion import compose_small, perpendiculars, transform_line
-from .settings import CONVERGED, HUBER_STEPS, MOST_STEPS, NOT_ZERO, OUTLYING_CURVE, OUTLYING_LINE
+from .settings import CONVERGED, MOST_STEPS, NOT_ZERO
 
 
 class Fit(NamedTuple):
@@ -156,9 +157,10 @@ def weighted_fit(
     """Fit a pose to the data assigned to it, each feature by its covariance, in place.
 
     Both ends of an edge or axis lie on the model's line, anywhere along it; a curve's centre and normal on the model's.
-    A feature farther off than one of a thousand is counts less, the more the farther: by Huber's weights until the pose
-    is near, then by its square, so that a wrong one adds a constant. How far off one of a thousand is, the others say:
-    covariances are known up to a common factor, the same for all, whose most likely value is found with the pose.
+    A feature farther off than three sigma (as rare as that in its degrees of freedom) counts less, the more the
+    farther: by Huber's weights until a step gains less than one sigma, then by its square, so that a wrong one adds a
+    constant. How far three sigma are, the others say: covariances are known up to a common factor, the same for all,
+    whose most likely value is found with the pose.
 
     Parameters
     ----------
@@ -196,11 +198,10 @@ def weighted_fit(
             for i in range(3):
                 centre[i] += data.rows[k, i]
     centre /= max(matched, 1)
-    scale, rms = 1.0, 0.0
-    for turn in range(MOST_STEPS):
+    scale, rms, near = 1.0, 0.0, False
+    for _ in range(MOST_STEPS):
         normal[:], right[:] = 0.0, 0.0
         total, residuals, points, distances = 0.0, 0, 0, 0.0
-        near = turn >= HUBER_STEPS
         for k in range(len(assignment)):
             if assignment[k] < 0:
                 continue
@@ -213,7 +214,7 @@ def weighted_fit(
             d2 = 0.0
             for i in range(count):
                 d2 += block[i, 6] * block[i, 6]
-            limit = (OUTLYING_CURVE if is_curve else OUTLYING_LINE) * scale
+            limit = OUTLYING[count] * scale
             weight = 1.0 if d2 <= limit else limit / d2 if near else np.sqrt(limit / d2)
             for i in range(count):
                 for p in range(6):
@@ -232,10 +233,12 @@ def weighted_fit(
         if not solve6(damped, right, step):
             break
         compose_small(motion, centre, step)
+        gain = (step * right).sum()
         if near:
             before, scale = scale, max((worth + total) / max(worth + residuals - 6, 1.0), NOT_ZERO)
-            if max((step * right).sum() * before, (scale - before) ** 2) < CONVERGED * before**2:
+            if max(gain * before, (scale - before) ** 2) < CONVERGED * before**2:
                 break
+        near = near or gain < 1.0
     for p in range(6):
         for q in range(p):
             normal[q, p] = normal[p, q]

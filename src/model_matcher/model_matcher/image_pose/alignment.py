@@ -12,7 +12,7 @@ from msgs_py.numeric.typed import FloatArray, Int32Array
 
 from ..geometry.least_squares import damp, solve6
 from ..geometry.rigid_motion import compose_small, transform
-from .settings import HALF_TURN_INFORMATION
+from ..geometry.settings import UNIFORM_ANGLE
 
 
 class Placed(NamedTuple):
@@ -174,7 +174,8 @@ def align(
             for j in range(6):
                 right[i] -= prior[i, j] * moved[j]
         for i in range(3):
-            damped[i, i] += HALF_TURN_INFORMATION
+            # What nothing tells of a turn: any is as likely.
+            damped[i, i] += 1.0 / UNIFORM_ANGLE**2
         damp(damped)
         if not solve6(damped, right, step):
             break

@@ -15,13 +15,16 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import polygamma
 
 from msgs_py import Pose
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.settings import BOUND_SIGMA
 from msgs_py.numeric.typed import ByteArray, FloatArray, Int8Array, Int32Array
 
 from ..geometry.least_squares import covariances
 from ..geometry.pose_rows import as_motion, as_pose
+from ..geometry.settings import NOT_ZERO
 from .alignment import Steps, align
 from .model_error import FIRST_ERROR, NO_ERROR, ModelError, settled
 from .neighbours import neighbours
@@ -30,26 +33,18 @@ from .profiles import Quality, Stretches, find_steps, fit_steps
 from .settings import (
     BLURS,
     CANDIDATES,
-    DIFFERENCES,
+    DECISIVE,
     DRAWN_IN,
     FEWEST_POINTS,
-    FIRST_BLURS,
     FIRST_WALK,
     FLANK,
-    LOG_CHANCE,
-    NEAR,
-    NOT_ZERO,
     OTHERS_EDGES,
-    POSE_UNKNOWNS,
     QUALITY_POINTS,
     REACH,
-    SCREENED,
-    SHOWN,
-    SIGNIFICANT,
+    SEEN_STEP,
     SPACING,
     STRONG,
     TO_ERROR,
-    TONE_NATS,
     TONES,
     WALKS,
 )
@@ -195,7 +190,7 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
     sight = drawn(outline, motion, shape.centre, views)
     if len(sight) < FEWEST_POINTS:
         return _nothing(motion, Presence(-np.inf, 0.0, sight, np.zeros(len(sight), np.int8)))
-    density = elsewhere(searched(sight, views, NEAR), NEAR)
+    density = elsewhere(searched(sight, views, FLANK), FLANK)
     if views.tone[0] > 0.0:
         laid_on = _laid_on_fitted(shape, motion, views, sight, density)
     else:
@@ -206,8 +201,9 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
             found.append((laid_on, views.blur.copy(), views.walk.copy()))
         curves = len(np.unique(sight.placed.group))
         of_lines = [np.hypot(one.error.curve, one.error.view) + NOT_ZERO for one, *_ in found]
-        gain = max(2 * curves - POSE_UNKNOWNS, 0) * np.log(of_lines[0] / of_lines[1])
-        best = int(gain > TONE_NATS)
+        # The pose has taken six of the errors of the curves.
+        gain = max(2 * curves - 6, 0) * np.log(of_lines[0] / of_lines[1])
+        best = int(gain > DECISIVE)
         views.tone[0] = TONES[best]
         laid_on, views.blur[:], views.walk[:] = found[best]
     pose = as_pose(laid_on.motion)
@@ -252,7 +248,7 @@ def shown(
     views: Views,
     in_space: tuple[float, float] = OTHERS_EDGES,
     steps: Steps | None = None,
-    screened: float = SCREENED,
+    screened: bool = True,
 ) -> tuple[Presence, Steps]:
     """Whether images show an outline where it is drawn, and the steps about it; see :func:`presence`.
 
@@ -278,7 +274,7 @@ def searched(sight: Sight, views: Views, reach: int) -> Steps:
             sight.placed.normal[rows],
             sight.stretch[rows],
             reach,
-            SIGNIFICANT * float(views.noise[eye]),
+            BOUND_SIGMA * float(views.noise[eye]),
             steps.offset[rows],
             strength[rows],
             steps.number[rows],
@@ -289,7 +285,7 @@ def searched(sight: Sight, views: Views, reach: int) -> Steps:
 def elsewhere(steps: Steps, reach: int) -> float:
     """Steps a pixel that are not the outline's, over the chance that a point of it shows one."""
     each: float = _mean_number(steps.number)
-    return max(each, 1.0 / CANDIDATES) / (2 * reach + 1) / SHOWN
+    return max(each, 1.0 / CANDIDATES) / (2 * reach + 1) / SEEN_STEP
 
 
 @njit(nogil=True)
@@ -354,8 +350,8 @@ def _blur_and_walk(
         good = np.abs(out[:, 2]) > STRONG * noise
         return float(np.median(out[good, 3] * (white / out[:, 2])[good] ** 2)) if good.any() else np.inf
 
-    # From the best of a few downhill: what a wrong blur leaves grows to either side.
-    best = min(FIRST_BLURS, key=cost)
+    # From the middle downhill: what a wrong blur leaves grows to either side.
+    best = len(BLURS) // 2
     while True:
         near = min((k for k in (best, best - 1, best + 1) if 0 <= k < len(BLURS)), key=cost)
         if near == best:
@@ -371,9 +367,12 @@ def _blur_and_walk(
     # The more they may wander, the less is left: as much as was expected where the walk is right.
     walk = WALKS[min(bisect_left(WALKS, -1.0, key=left), len(WALKS) - 1)]
     left(walk)
-    dispersion = float(np.nanvar(np.log(out[:, 3]))) - LOG_CHANCE
+    # What is left is of differences of neighbours, less the place and the height of a step; the logarithm of its mean
+    # square varies by chance as trigamma says.
+    differences = 2 * FLANK - 2
+    dispersion = float(np.nanvar(np.log(out[:, 3])) - polygamma(1, 0.5 * differences))
     believed = (1.0 + np.sqrt(1.0 + 2.0 * dispersion)) / dispersion if dispersion > 0.0 else np.inf
-    return BLURS[best], walk, DIFFERENCES / (DIFFERENCES + believed)
+    return BLURS[best], walk, differences / (differences + believed)
 
 
 def laid(

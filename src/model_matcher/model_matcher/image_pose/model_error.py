@@ -17,18 +17,9 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.robust import NORMAL_QUARTILE
 from msgs_py.numeric.typed import FloatArray, IntArray
 
-from ..geometry.settings import ROUNDING
+from ..geometry.settings import NOT_ZERO, ROUNDING
 from .alignment import Placed, Steps, add_to_line, align, inverse_of_line
-from .settings import (
-    FEWEST_POINTS,
-    FIRST_CURVE_ERROR,
-    FIRST_POINT_ERROR,
-    LONGEST_JUMP,
-    NOT_ZERO,
-    SETTLED,
-    SIGMA_TURNS,
-    TO_POSE,
-)
+from .settings import FEWEST_POINTS, FIRST_ERROR_PX, LONGEST_JUMP, SETTLED, SIGMA_TURNS, TO_POSE
 
 
 class ModelError(NamedTuple):
@@ -51,7 +42,7 @@ class ModelError(NamedTuple):
 
 NO_ERROR = ModelError(0.0, 0.0, 0.0)
 # What is believed at first.
-FIRST_ERROR = ModelError(FIRST_CURVE_ERROR, FIRST_CURVE_ERROR, FIRST_POINT_ERROR)
+FIRST_ERROR = ModelError(FIRST_ERROR_PX, FIRST_ERROR_PX, FIRST_ERROR_PX)
 
 
 @njit(nogil=True)

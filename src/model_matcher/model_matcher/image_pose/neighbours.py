@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
@@ -9,7 +11,7 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array
 
 from ..geometry.rigid_motion import transform
 from .alignment import Placed
-from .settings import BESIDE, FLANK, LEAST_FLANK, OWN_STEP, PARALLEL
+from .settings import BESIDE, FLANK, LEAST_FLANK, ON_EDGE, SPACING
 
 
 @njit(nogil=True)
@@ -87,7 +89,8 @@ def neighbours(placed: Placed, spacing: FloatArray) -> tuple[FloatArray, Int32Ar
                     if abs(du) > reach or abs(dv) > reach:
                         continue
                     cosine = placed.normal[k, 0] * placed.normal[j, 0] + placed.normal[k, 1] * placed.normal[j, 1]
-                    if abs(cosine) < PARALLEL:
+                    # Edges that leave a pixel to either side across a point's stretch run across one another.
+                    if (1.0 - cosine * cosine) * SPACING * SPACING > 1.0:
                         free = np.int32(np.sqrt(du * du + dv * dv) - 0.5 * max(spacing[k], spacing[j]))
                         free = free if free >= LEAST_FLANK else np.int32(0)
                         flank[k], flank[j] = min(flank[k], free), min(flank[j], free)
@@ -97,6 +100,15 @@ def neighbours(placed: Placed, spacing: FloatArray) -> tuple[FloatArray, Int32Ar
                     _note(beside, group, gap, k, placed.group[j], ahead / cosine, du, dv, placed, spacing[j])
                     _note(beside, group, gap, j, placed.group[k], back / cosine, du, dv, placed, spacing[k])
     return beside, flank
+
+
+@njit
+def own_step() -> float:
+    """Pixels between points of two curves within which one step confirms both: it lies within ON_EDGE of either.
+
+    Along the curves it may lie half the spacing of points away.
+    """
+    return math.hypot(2.0 * ON_EDGE, 0.5 * SPACING)
 
 
 @njit(nogil=True)
@@ -115,7 +127,7 @@ def may_hide(placed: Placed, motion: FloatArray, cameras: FloatArray) -> BoolArr
     cameras : (v, 16) float64
         See :attr:`.views.Views.rows`.
     """
-    out = np.zeros(len(placed.eye), np.bool_)
+    out, near = np.zeros(len(placed.eye), np.bool_), own_step()
     depth = np.empty(len(placed.eye))
     for k in range(len(placed.eye)):
         x, y, z = transform(motion, placed.point[k, 0], placed.point[k, 1], placed.point[k, 2])
@@ -127,15 +139,15 @@ def may_hide(placed: Placed, motion: FloatArray, cameras: FloatArray) -> BoolArr
             if placed.eye[begin[other]] != placed.eye[begin[one]]:
                 break
             apart = max(box[one, 0] - box[other, 2], box[other, 0] - box[one, 2])
-            if max(apart, box[one, 1] - box[other, 3], box[other, 1] - box[one, 3]) > OWN_STEP:
+            if max(apart, box[one, 1] - box[other, 3], box[other, 1] - box[one, 3]) > near:
                 continue
             for k in range(begin[one], begin[one + 1]):
                 u, v = placed.pixel[k, 0], placed.pixel[k, 1]
-                if beside_box(box, other, u, v, OWN_STEP):
+                if beside_box(box, other, u, v, near):
                     continue
                 for j in range(begin[other], begin[other + 1]):
                     du, dv = placed.pixel[j, 0] - u, placed.pixel[j, 1] - v
-                    if du * du + dv * dv < OWN_STEP * OWN_STEP:
+                    if du * du + dv * dv < near * near:
                         out[k if depth[k] > depth[j] else j] = True
     return out
 

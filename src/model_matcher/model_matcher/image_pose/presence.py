@@ -19,27 +19,24 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int8Array, Int32Array
 
+from ..geometry.settings import NOT_ZERO
 from .alignment import Placed, Steps
-from .neighbours import begins, beside_box, curve_boxes
+from .neighbours import begins, beside_box, curve_boxes, own_step
 from .settings import (
     CONTROLS,
     HIDDEN,
     LEAST_RUN,
-    NOT_ZERO,
     ON_EDGE,
-    OWN_STEP,
     PRIOR_ALIGNED,
     PRIOR_CHANCES,
     REVEALED,
     SCREEN_DIRECTIONS,
-    SCREENED,
-    SCREENS,
     SEEN_STEP,
     STOPS,
 )
 
 # A product below is taken the logarithm of, before it leaves the range of numbers with the next factors.
-SMALLEST = 1e-250
+SMALLEST = float(np.finfo(np.float64).tiny / np.finfo(np.float64).eps)
 
 
 class Chance(NamedTuple):
@@ -138,7 +135,7 @@ def _count_beside(
 @njit(nogil=True)
 def crowded(placed: Placed) -> BoolArray:
     """Points, (n,) bool, that a curve before theirs passes so near that one step of the image would confirm both."""
-    out = np.zeros(len(placed.eye), np.bool_)
+    out, own = np.zeros(len(placed.eye), np.bool_), own_step()
     begin, box = curve_boxes(placed)
     near = np.empty(len(box), np.int32)
     for one in range(len(box)):
@@ -149,7 +146,7 @@ def crowded(placed: Placed) -> BoolArray:
                 break
             apart = max(box[one, 0] - box[other, 2], box[other, 0] - box[one, 2])
             apart = max(apart, box[one, 1] - box[other, 3], box[other, 1] - box[one, 3])
-            if apart <= OWN_STEP:
+            if apart <= own:
                 near[count] = other
                 count += 1
         for k in range(begin[one], begin[one + 1]):
@@ -157,11 +154,11 @@ def crowded(placed: Placed) -> BoolArray:
             for other in near[:count]:
                 if out[k]:
                     break
-                if beside_box(box, other, u, v, OWN_STEP):
+                if beside_box(box, other, u, v, own):
                     continue
                 for j in range(begin[other], begin[other + 1]):
                     du, dv = placed.pixel[j, 0] - u, placed.pixel[j, 1] - v
-                    if du * du + dv * dv < OWN_STEP * OWN_STEP:
+                    if du * du + dv * dv < own * own:
                         out[k] = True
                         break
     return out
@@ -354,14 +351,12 @@ def _log_mean(logarithms: FloatArray) -> float:
 
 @njit(nogil=True)
 def _beyond(placed: Placed, views: Int32Array, angle: float, out: Int8Array) -> None:
-    """Beyond how many of SCREENS screens of one direction each point lies, (n,), filled; views : where each begins.
+    """Beyond how many screens of one direction each point lies, (n,), filled; views : where each begins.
 
-    They leave as much of the outline's width as HIDDEN does, evenly, in every view, so that they follow the shift of
-    what stands in front.
+    They hide as much of the outline's width as HIDDEN has, in every view, so that they follow the shift of what stands
+    in front.
     """
     along, down = math.cos(angle), math.sin(angle)
-    least = 1.0 - HIDDEN[-1]
-    steps = (SCREENS - 1) / (HIDDEN[-1] - HIDDEN[0])
     for view in range(len(views) - 1):
         low, high = math.inf, -math.inf
         for k in range(views[view], views[view + 1]):
@@ -370,7 +365,9 @@ def _beyond(placed: Placed, views: Int32Array, angle: float, out: Int8Array) -> 
         size = max(high - low, NOT_ZERO)
         for k in range(views[view], views[view + 1]):
             across = (placed.pixel[k, 0] * along + placed.pixel[k, 1] * down - low) / size
-            out[k] = min(max(math.ceil((across - least) * steps), 0), SCREENS)
+            out[k] = 0
+            for hidden in HIDDEN:
+                out[k] += across > 1.0 - hidden
 
 
 @njit(nogil=True)
@@ -408,12 +405,12 @@ def behind_screens(placed: Placed, found: Int8Array, is_bent: BoolArray, chance:
     beyond, seen = np.empty(len(found), np.int8), found.copy()
     first, last = np.empty(groups, np.int8), np.empty(groups, np.int8)
     is_cut, is_seen = np.empty(curves, np.bool_), np.empty(curves, np.bool_)
-    parts = np.empty((SCREEN_DIRECTIONS, SCREENS))
+    parts = np.empty((SCREEN_DIRECTIONS, len(HIDDEN)))
     for direction in range(SCREEN_DIRECTIONS):
         _beyond(placed, views, direction * 2.0 * math.pi / SCREEN_DIRECTIONS, beyond)
         for g in range(groups):
             first[g], last[g] = beyond[begin[g] : begin[g + 1]].min(), beyond[begin[g] : begin[g + 1]].max()
-        for screen in range(SCREENS):
+        for screen in range(len(HIDDEN)):
             is_cut[:], is_seen[:], edge[:], apart[:] = False, False, 0.0, 0.0
             for g in range(groups):
                 is_cut[curve[g]] |= last[g] > screen
@@ -446,7 +443,7 @@ def shown_outline(
     limb: FloatArray,
     steps: Steps,
     in_space: tuple[float, float],
-    screened: float = SCREENED,
+    screened: bool = True,
 ) -> tuple[float, float, Int8Array]:
     """What images show of an outline.
 
@@ -460,8 +457,8 @@ def shown_outline(
         Found along their normals, as :func:`chance_beside` needs them.
     in_space : tuple of float
         See :class:`Chance`.
-    screened : float
-        Chance that something straight stands in front.
+    screened : bool
+        Something straight may stand in front, by even chances.
 
     Returns
     -------
@@ -484,6 +481,6 @@ def shown_outline(
             found[k] = -1
     is_bent = bent(placed.point, placed.curve, limb)
     ratio = log_ratio(found, placed.group, placed.curve, is_bent, chance)
-    if screened > 0.0:
-        ratio = _either(screened, behind_screens(placed, found, is_bent, chance), ratio)
+    if screened:
+        ratio = _either(0.5, behind_screens(placed, found, is_bent, chance), ratio)
     return ratio, confirmed / inside if inside > 0.0 else 0.0, found

@@ -8,20 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.settings import BOUND_SIGMA
 from msgs_py.numeric.typed import ByteArray, FloatArray, Int32Array
 
 from ..geometry.least_squares import cholesky
-from .settings import (
-    CONTRAST,
-    FARTHEST_STEP,
-    FIT_TURNS,
-    FLANK,
-    LAST_FIT_STEP,
-    LONGEST_FIT_STEP,
-    OFF_PREDICTED,
-    SIGNIFICANT,
-    TAPS,
-)
+from .settings import CONTRAST, FARTHEST_STEP, FIT_TURNS, FLANK, LAST_FIT_STEP, LONGEST_FIT_STEP, ON_EDGE, TAPS
 
 ONE = np.uint64(1)
 # One, in whole numbers with 32 binary digits after the point.
@@ -324,7 +315,7 @@ def fit_steps(image: ByteArray, outline: Stretches, beside: FloatArray, quality:
             wander = how.walk + excess * (2.0 * variance + how.walk)
             how = _Fit(steps, size, outline.limb[n], look_up, variance, wander)
             _converged(grey[: 2 * r + 1], blurs, beside[n], how, x, low, sums)
-        if not abs(x[0]) < FARTHEST_STEP or abs(x[1]) < SIGNIFICANT * math.sqrt(variance):
+        if not abs(x[0]) < FARTHEST_STEP or abs(x[1]) < BOUND_SIGMA * math.sqrt(variance):
             continue
         fitted[n, 0], fitted[n, 1] = x[0], _variance(low, size, 0)
         fitted[n, 2], fitted[n, 3] = x[1], unexplained
@@ -484,7 +475,7 @@ def _normal_equations(
             for j in range(i + 1):
                 normal[i, j] += now * white[0, j]
     for i in range(size):
-        believed = OFF_PREDICTED if i < steps and i % 2 == 0 else CONTRAST
+        believed = ON_EDGE if i < steps and i % 2 == 0 else CONTRAST
         normal[i, i] += 1.0 / believed**2
         right[i] -= x[i] / believed**2
     return squares

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
+from ..geometry.settings import RIGHT_ANGLE, UNIFORM_VARIANCE
+
 # Taps of the derivative of a Gaussian of 1 px, with which steps of grey are found along a profile, at 1, 2, 3 px from
 # its middle; a step of one grey level gives one (Canny 1986, whose best filter this is close to).
 TAPS = (0.6661, 0.2973, 0.0366)
-# Sigma of the noise, times this: the least response of a step. Of profiles without a step one in a hundred has one.
-SIGNIFICANT = 3.0
 # Steps of a profile that are kept, the strongest. Print and shadows stand beside an edge, rarely more than these.
 CANDIDATES = 4
-# Sigma of the difference of neighbours, times this, is the noise of a pixel: second differences (1, -2, 1).
-SECOND_DIFFERENCE = 6.0**-0.5
 # Rows between those whose noise is looked at: enough pixels in a small image, few in a large one.
 NOISE_ROWS = 8
-# Times that levels near black and white are left out, by the noise known so far; pixels that must be left for that.
-CLIPPED_TURNS = 3
-FEWEST_PIXELS = 300
-# Least noise, grey levels: that of rounding to whole ones.
-ROUNDING_NOISE = 12.0**-0.5
 # Pixels between neighbouring points of an outline, and to either side along their normals that steps are looked for:
 # beyond, images of half the size are searched first.
 SPACING = 4.0
@@ -28,37 +21,27 @@ FLANK = 4
 # while the blur is looked for, and what is tried, from less than the noise of a good camera to strong print.
 FIRST_WALK = 4.0
 WALKS = tuple(0.25 * 2.0 ** (0.5 * k) for k in range(13))
-# Differences of neighbours in a profile less the place and the height of a step, and the variance of the logarithm of
-# their mean square by chance: the trigamma function of half of them.
-DIFFERENCES = 2 * FLANK - 2
-LOG_CHANCE = 0.3949
-# Chance that the edge of a visible point shows as a step: the rest is lost to equal brightness on both sides.
-SHOWN = 0.7
 # Pixels, sigmas that are added to the steps' own while a pose is drawn in: from half the reach to the width of an edge.
 DRAWN_IN = (4.0, 2.8, 2.0, 1.4, 1.0, 0.7)
-# Pixels to either side in which steps are counted once the pose is drawn in.
-NEAR = 4
+# Square radians: variance of a turn about an axis above which nothing shows it, that of an angle anywhere within a
+# quarter turn.
+UNSEEN_TURN = RIGHT_ANGLE * RIGHT_ANGLE * UNIFORM_VARIANCE
 # Points without which a pose of six unknowns is not measured.
 FEWEST_POINTS = 12
-# Unknowns of a pose, which the errors of curves have lost.
-POSE_UNKNOWNS = 6
 # Pairs of steps of expectation-maximisation to the sigmas of lines at one pose, at most; the share that a last one
 # changes.
 SIGMA_TURNS = 14
 SETTLED = 0.01
 # Lengths of a step of theirs that are taken at once, at most.
 LONGEST_JUMP = 16.0
-# Rounds of sigmas of the outline's error and pose, and steps to the pose in each.
+# Rounds of sigmas of the outline's error and pose; steps to the pose in each, and rounds where they begin at the sigmas
+# of the frame before.
 TO_ERROR = 8
 TO_POSE = 2
 # Sigmas of the noise, of steps that tell the blur.
 STRONG = 8.0
-# Lengths and sums are divided by at least this.
-NOT_ZERO = 1e-12
 # Blurs that are tried, pixels, sigma: from that of bilinear look-up to strong motion.
 BLURS = (0.4, 0.5, 0.62, 0.78, 0.97, 1.2, 1.5, 1.9, 2.4, 3.0)
-# Which of them are tried first; neighbours of the best follow.
-FIRST_BLURS = (1, 4, 7)
 # Gauss-Newton steps of a step's fit, and the longest of them, pixels: from half a pixel away it has all digits.
 FIT_TURNS = 5
 LONGEST_FIT_STEP = 0.5
@@ -70,15 +53,12 @@ QUALITY_POINTS = 64
 FARTHEST_STEP = 1.5
 # Further steps beside one that its fit takes in: an edge of a thin plate has one, a groove two.
 BESIDE = 2
-# Cosine of the angle between edges that run beside one another: across a stretch of 4 px they stay within a pixel.
-PARALLEL = 0.97
-# What is believed of a step before it is looked at, sigmas: grey levels of its contrast, pixels from where it is
-# predicted.
+# What is believed of a step before it is looked at, sigma: grey levels of its contrast.
 CONTRAST = 100.0
-OFF_PREDICTED = 1.0
 # Pixels to either side without which a step's levels cannot be told.
 LEAST_FLANK = 2
 # Pixels from the predicted place within which a step confirms a point: the blur of an edge, and what its pose is off.
+# Also the sigma of its place, before it is looked at.
 ON_EDGE = 1.0
 # Pixels along the normals by which an outline is moved to see what chance does.
 CONTROLS = (-8.0, -6.5, -5.0, -3.5, 3.5, 5.0, 6.5, 8.0)
@@ -96,30 +76,19 @@ REVEALED = 0.1
 OTHERS_EDGES = (0.23, 0.06)
 # Shares of an outline that may be hidden, equally likely.
 HIDDEN = (0.1, 0.3, 0.5, 0.7)
-# Directions of the edge of what may stand in front, and its places for each, a tenth of an outline's width apart: the
-# nearest is off by less than a curve of most models.
-SCREEN_DIRECTIONS, SCREENS = 12, 7
-# Chance that something straight stands in front of what is looked for: even.
-SCREENED = 0.5
+# Directions of the edge of what may stand in front.
+SCREEN_DIRECTIONS = 12
 # Pixels, the outline's errors that are believed at first: large, so that no curve is left out before they are known.
-FIRST_CURVE_ERROR = 0.5
-FIRST_POINT_ERROR = 0.25
-# One over square radians: what is known of a turn that nothing tells, uniform over a half turn to either side.
-HALF_TURN_INFORMATION = 3.0 / 3.141592653589793**2
+FIRST_ERROR_PX = 0.5
 # Exponents of light by grey level that cameras have: none, and about that of sRGB (IEC 61966-2-1).
 TONES = (1.0, 2.2)
-# Nats by which the second must explain an outline better: with less, errors of the outline alone decide by chance.
-TONE_NATS = 5.0
-# Pixels between curves within which one step confirms both: ON_EDGE to either side, and half the spacing of points.
-OWN_STEP = 3.0
-# Pixels to either side of the middle of a patch of surface; between middles, at least; patches of a view, at most.
+# Nats that settle a matter, twenty to one: which of two explains an outline; whether a hypothesis that has so many more
+# than it needs, or so many fewer, is looked at further; whether a curve says that an object is not the model but a part
+# like it, of which there are as many.
+DECISIVE = 3.0
+# Pixels to either side of the middle of a patch of surface; patches of a view, at most.
 PATCH = 3
-GRID = 8
 PATCHES = 80
-# Pixels along the epipolar line within which a patch is looked for: farther, a face is another one.
-SHIFTS = 8
-# Pixels, sigma: what noise may leave open of a patch's place along that line: the nearest pixel is the right one.
-SHIFT_SIGMA = 0.3
 # Pixels that a corner of a patch may be off its plane: the surface bends, or is another one there.
 PATCH_BEND = 0.5
 # Beta distributions of the share of patches that lie on the surface: where it is the object's own, and where it is

@@ -16,8 +16,9 @@ from msgs_py.numeric.typed import FloatArray, Int32Array
 
 from ..geometry.pose_rows import as_motion
 from ..geometry.rigid_motion import Motion, rotate, transform
+from ..geometry.settings import NOT_ZERO
 from .alignment import Placed
-from .settings import NOT_ZERO, SPACING
+from .settings import SPACING
 from .views import Views
 
 

@@ -19,18 +19,8 @@ from msgs_py import Pose
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import ByteArray, FloatArray, Int32Array, IntArray
 
-from .settings import (
-    GRID,
-    NOT_ZERO,
-    OTHERS_FACES,
-    PATCH,
-    PATCH_BEND,
-    PATCHES,
-    SHIFT_SIGMA,
-    SHIFTS,
-    SURFACE_OF_OTHERS,
-    SURFACE_OF_OWN,
-)
+from ..geometry.settings import NOT_ZERO, UNIFORM_VARIANCE
+from .settings import OTHERS_FACES, PATCH, PATCH_BEND, PATCHES, REACH, SURFACE_OF_OTHERS, SURFACE_OF_OWN
 from .sight import Shape, Sight
 from .views import Views
 
@@ -128,7 +118,7 @@ def _grid(outline: FloatArray, image: ByteArray) -> tuple[FloatArray, Int32Array
     last = np.minimum(outline.max(axis=0), np.array(image.shape[::-1]) - 1.0 - edge)
     if not (last > first).all():
         return np.zeros((0, 2)), np.zeros(0, np.int32)
-    step = max(float(GRID), math.sqrt(float(np.prod(last - first)) / PATCHES))
+    step = max(2.0 * PATCH + 1.0, math.sqrt(float(np.prod(last - first)) / PATCHES))
     u, v = (np.floor(np.arange(a + 0.5 * step, b, step)) for a, b in zip(first, last))
     middle = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)[:PATCHES]
     inside = ((outline >= first) & (outline <= last)).all(axis=1)
@@ -197,10 +187,11 @@ def _compare(
                 place[i, j, 0], place[i, j, 1], z, _ = _seen(pair, u + du, v + dv, depth)
                 patch[i, j] = image[v + i - PATCH, u + j - PATCH]
         patch -= patch.mean()
-        if _shift_variance(patch, along, noise) > SHIFT_SIGMA * SHIFT_SIGMA:
+        # Noise leaves no more open than that the nearest pixel is taken.
+        if _shift_variance(patch, along, noise) > UNIFORM_VARIANCE:
             continue
         shift = _best_shift(patch, other, place, along)
-        if shift <= SHIFTS:
+        if shift <= REACH:
             counts[face[n], 0] += shift == 0
             counts[face[n], 1] += 1
 
@@ -232,19 +223,19 @@ def _shift_variance(patch: FloatArray, along: tuple[float, float], noise: float)
 
 @njit(nogil=True)
 def _best_shift(patch: FloatArray, other: ByteArray, place: FloatArray, along: tuple[float, float]) -> int:
-    """Pixels along a unit direction, either way, at which another image is most like a patch; more than SHIFTS outside.
+    """Pixels along a unit direction, either way, at which another image is most like a patch; more than REACH outside.
 
     patch : (w, w) less its mean; place : (w, w, 2) pixels of the other image that the surface puts it on
     """
     height, breadth = other.shape
     best, best_at, n = -2.0, 0, patch.size
-    for shift in range(-SHIFTS, SHIFTS + 1):
+    for shift in range(-REACH, REACH + 1):
         total, squares, product = 0.0, 0.0, 0.0
         for i in range(len(patch)):
             for j in range(len(patch)):
                 u, v = place[i, j, 0] + shift * along[0], place[i, j, 1] + shift * along[1]
                 if not (u >= 0.0 and v >= 0.0 and u < breadth - 1 and v < height - 1):
-                    return SHIFTS + 1
+                    return REACH + 1
                 column, row = int(u), int(v)
                 a, b = u - column, v - row
                 above = (1.0 - a) * other[row, column] + a * other[row, column + 1]
@@ -255,6 +246,6 @@ def _best_shift(patch: FloatArray, other: ByteArray, place: FloatArray, along: t
                 product += grey * patch[i, j]
         # The correlation coefficient, but for what all shifts share.
         alike = product / math.sqrt(max(squares - total * total / n, NOT_ZERO))
-        if alike > best or shift == -SHIFTS:
+        if alike > best or shift == -REACH:
             best, best_at = alike, abs(shift)
     return best_at

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,9 +12,11 @@ import numpy as np
 
 from msgs_py import CameraRig, PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.robust import sigma_from_median
+from msgs_py.numeric.settings import BOUND_SIGMA
 from msgs_py.numeric.typed import ByteArray, FloatArray, IntArray
 
-from .settings import CLIPPED_TURNS, FEWEST_PIXELS, NOISE_ROWS, REACH, ROUNDING_NOISE, SECOND_DIFFERENCE, SIGNIFICANT
+from ..geometry.settings import UNIFORM_VARIANCE
+from .settings import NOISE_ROWS, QUALITY_POINTS, REACH
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,22 +147,23 @@ def _noise(image: ByteArray) -> float:
     bend = np.abs(some[:, :-2] - 2 * some[:, 1:-1] + some[:, 2:])
     # Of black and white the noise is cut off, which is seen only once it is known how far it reaches.
     sigma = _sigma_of(bend)
-    for _ in range(CLIPPED_TURNS):
-        reach = SIGNIFICANT * sigma
+    before = 0.0
+    while sigma > before:
+        before, reach = sigma, BOUND_SIGMA * sigma
         inside = (some >= reach) & (some <= 255.0 - reach)
         good = inside[:, :-2] & inside[:, 1:-1] & inside[:, 2:]
-        if good.sum() < FEWEST_PIXELS:
+        if good.sum() < QUALITY_POINTS:
             break
         sigma = _sigma_of(bend[good])
     return sigma
 
 
 def _sigma_of(bend: IntArray) -> float:
-    """Sigma of the noise by the sizes of second differences, whole numbers."""
+    """Sigma of the noise by the sizes of second differences (1, -2, 1), whole numbers; not less than rounding makes."""
     count = np.bincount(bend.ravel())
     # The median between whole numbers: values are taken as spread evenly about each.
     below = np.cumsum(count)
     middle = 0.5 * below[-1]
     level = int(np.searchsorted(below, middle))
     median = level - 0.5 + (middle - (below[level - 1] if level else 0)) / max(count[level], 1)
-    return max(sigma_from_median(median) * SECOND_DIFFERENCE, ROUNDING_NOISE)
+    return math.sqrt(max(sigma_from_median(median) ** 2 / (1.0 + 4.0 + 1.0), UNIFORM_VARIANCE))

@@ -16,9 +16,9 @@ from msgs_py import BIN, FeatureKind, FeatureSet, Pose
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int8Array, IntArray
 from msgs_py.numeric.vectors import perpendicular
 
+from ..geometry.settings import NOT_ZERO, ROUNDING
 from ..model.index import feature_rows, model_size
 from ..model.settings import EXACT
-from .settings import FREE, NOT_ZERO, ROUNDING
 
 
 @dataclass(eq=False)
@@ -114,9 +114,9 @@ def best_rotations(model: FloatArray, data: FloatArray, weights: FloatArray) -> 
     total = np.maximum(weights.sum(axis=1), NOT_ZERO)
     spread = np.einsum('mk,mki,mkj->mij', weights, data, data) / total[:, None, None]
     sizes, axes = np.linalg.eigh(spread)
-    free = np.where((sizes[:, 1] < FREE)[:, None], axes[:, :, 2], np.nan)
+    free = np.where((sizes[:, 1] < ROUNDING)[:, None], axes[:, :, 2], np.nan)
     # Of parallel directions, any turn about them does; the smallest turn is taken.
-    for k in np.flatnonzero(sizes[:, 1] < FREE):
+    for k in np.flatnonzero(sizes[:, 1] < ROUNDING):
         used = weights[k] > 0.0
         if used.any():
             sides = np.sign(model[k, used] @ model[k, used][0])[:, None]
@@ -133,7 +133,7 @@ def _smallest_turn(one: FloatArray, other: FloatArray) -> FloatArray:
     v = other / max(float(np.linalg.norm(other)), NOT_ZERO)
     axis = np.cross(u, v)
     c = float(u @ v)
-    if c < -1.0 + ROUNDING:
+    if 1.0 + c < NOT_ZERO:
         across = perpendicular(u)
         half_turn: FloatArray = 2.0 * np.outer(across, across) - np.eye(3)
         return half_turn
@@ -200,7 +200,7 @@ def best_translations(
         left = projection.sum(axis=1)
         right = np.einsum('mkij,mkj->mi', projection, data_points - placed)
         values, vectors = np.linalg.eigh(left)
-        usable = values > FREE * np.maximum(values[:, 2:], NOT_ZERO)
+        usable = values > ROUNDING * np.maximum(values[:, 2:], NOT_ZERO)
         inverse = np.where(usable, 1.0 / np.where(usable, values, 1.0), 0.0)
         # Along a free direction the weighted middles of data and model are brought together.
         weight = np.maximum(data_weights.sum(axis=1), NOT_ZERO)[:, None]
@@ -230,7 +230,7 @@ def _best_similarities(
     solution = np.einsum('mij,mj->mi', np.linalg.pinv(left4, rcond=ROUNDING, hermitian=True), right4)
     scale = np.where(solution[:, 3] > 0.0, solution[:, 3], 1.0)
     values, vectors = np.linalg.eigh(left4[:, :3, :3])
-    free = np.where((values[:, 0] > FREE * values[:, 2])[:, None], np.nan, vectors[:, :, 0])
+    free = np.where((values[:, 0] > ROUNDING * values[:, 2])[:, None], np.nan, vectors[:, :, 0])
     return solution[:, :3], scale, free
 
 

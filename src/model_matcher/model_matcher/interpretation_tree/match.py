@@ -13,13 +13,14 @@ from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..geometry.pose_rows import as_motion
 from ..model.problem import Problem
+from ..model.settings import PARALLEL_COSINE
 from ..params import MatchParams, MatchResult, no_match
 from ..verification.acceptance import accept
 from ..verification.refinement import refine_all
 from ..verification.settings import CANDIDATES
 from .absolute_pose import Validation, validate
 from .serial import serial_search
-from .settings import FIRST_FRACDEV, INTERPRETATIONS, PARALLEL_COSINE
+from .settings import FIRST_FRACDEV, INTERPRETATIONS
 from .tables import build_tables
 from .tree import TreeResult, subgraph_search, tree_search
 

@@ -13,12 +13,13 @@ import numpy as np
 from msgs_py import BIN, FeatureKind, FeatureSet
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.deadline import Deadline
+from msgs_py.numeric.settings import LOOK_S
 from msgs_py.numeric.typed import BoolArray, Int8Array, Int32Array, IntArray
 
 from ..geometry.constraints import entry
 from ..model.index import ModelIndex, data_tolerances, feature_rows
 from ..params import MatchParams
-from .settings import INTERPRETATIONS, LARGEST_PAIRS, LOOK_S, RATES
+from .settings import INTERPRETATIONS, LARGEST_PAIRS, RATES
 from .signs import Signs, apply_code, restore_signs, save_signs, stacked_signs, unknown_signs, write_signs
 from .tables import PairTests, pair_row, pair_tests, unary_table
 from .tree import (

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 # -- how much a search may do --------------------------------------------------------------------------------------
 # A search is limited in steps, so that its result is the same on every machine that is fast enough; on others the clock
 # ends it. The rates turn a time limit in seconds into steps; they were measured on one core of the development machine,
@@ -38,8 +36,6 @@ class Rates(NamedTuple):
 RATES = Rates(20_000_000, 1_000_000, 1000, 10_000_000, 8)
 # Most entries of all tables together, one byte each: more is refused with a reason.
 LARGEST_TABLES = 400_000_000
-# Seconds between two looks at the clock, in steps by these rates.
-LOOK_S = 0.005
 # Most data pairs of the serial search and of the array machine, which keep 11 numbers and more for each: more is
 # refused with a reason.
 LARGEST_PAIRS = 2_000_000
@@ -50,19 +46,6 @@ LARGEST_PAIRS = 2_000_000
 INTERPRETATIONS = 256
 # The closed-form pose is tested with this multiple of MatchParams.fracdev; the refined one with fracdev itself.
 FIRST_FRACDEV = 4.0
-# Cosine of the angle to the free shift above which a data feature counts as parallel to it.
-PARALLEL_COSINE = 0.98
-
-# -- rank of the least-squares problems ------------------------------------------------------------------------------
-
-# An eigenvalue below this fraction of the largest leaves a shift or a turn open.
-FREE = 1e-9
-# What rounding may do to a cosine, or to a singular value as a part of the largest: directions whose cosine is below
-# -1 + ROUNDING are opposite, and any perpendicular axis turns one into the other; the pseudo-inverse of the similarity
-# fit drops a singular value below it.
-ROUNDING = 1e-12
-# Sums of weights and eigenvalues are divided by at least this: the smallest number of full precision.
-NOT_ZERO = float(np.finfo(float).tiny)
 
 # -- the array machine -----------------------------------------------------------------------------------------------
 

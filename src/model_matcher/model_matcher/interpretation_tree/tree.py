@@ -22,12 +22,13 @@ import numpy as np
 from msgs_py import BIN
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.deadline import Deadline
+from msgs_py.numeric.settings import LOOK_S
 from msgs_py.numeric.typed import BoolArray, ByteArray, Int8Array, Int32Array, IntArray
 
 from ..params import MatchParams
 from .cores import core_numbers, largest_core
 from .ordering import order_pairs
-from .settings import INTERPRETATIONS, LOOK_S, RATES
+from .settings import INTERPRETATIONS, RATES
 from .signs import apply_code, restore_signs, save_signs, stacked_signs, unknown_signs, write_signs
 from .tables import Tables, pair_number, pair_row
 

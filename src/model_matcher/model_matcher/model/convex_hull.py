@@ -9,7 +9,7 @@ from msgs_py import FeatureKind
 from msgs_py.numeric.vectors import perpendicular
 
 from .index import ModelIndex
-from .settings import CURVE_POINTS, ON_FACE, SAME
+from .settings import CURVE_POINTS, SAME, SYMMETRY_TOLERANCE
 
 
 def hull_faces(index: ModelIndex) -> tuple[np.ndarray, np.ndarray]:
@@ -33,7 +33,7 @@ def hull_faces(index: ModelIndex) -> tuple[np.ndarray, np.ndarray]:
     points = np.concatenate([rows[:, :3] - step, rows[:, :3] + step, _rims(index)])
     planes = _planes(points, index.size)
     lies = np.ones((len(planes), len(rows)), bool)
-    near = ON_FACE * index.size
+    near = SYMMETRY_TOLERANCE * index.size
     for sign in (-1.0, 1.0):
         away = np.abs((rows[:, :3] + sign * step) @ planes[:, :3].T + planes[:, 3])
         lies &= (away < near).T
@@ -60,9 +60,9 @@ def _rims(index: ModelIndex) -> np.ndarray:
 def _planes(points: np.ndarray, size: float) -> np.ndarray:
     middle = points.mean(axis=0)
     _, spread, axes = np.linalg.svd(points - middle, full_matrices=False)
-    if len(spread) < 3 or spread[1] < ON_FACE * size:
+    if len(spread) < 3 or spread[1] < SYMMETRY_TOLERANCE * size:
         return np.zeros((0, 4))
-    if spread[2] < ON_FACE * size:
+    if spread[2] < SYMMETRY_TOLERANCE * size:
         return np.array([[*(sign * axes[2]), -sign * float(axes[2] @ middle)] for sign in (-1.0, 1.0)])
     try:
         found = ConvexHull(points).equations

@@ -17,9 +17,9 @@ import numpy as np
 from msgs_py import BIN, Interpretation, Pose
 from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
+from ..geometry.settings import ROUNDING
 from .index import ModelIndex
-from .settings import SAME, SAME_POSE_DEG, SAME_TRACE
-from .symmetry import axis_of_revolution, equal_but_for_turn, symmetries
+from .symmetry import axis_of_revolution, equal_but_for_turn, near, symmetries
 
 
 def symmetry_group(index: ModelIndex) -> dict[str, Any]:
@@ -99,7 +99,7 @@ def canonical_motion(index: ModelIndex, pose: Pose) -> Pose:
     rotations, translations = equal_motions(index, pose.rotation, np.eye(3))
     turned = pose.rotation @ rotations
     numbers = np.column_stack([np.trace(turned, axis1=1, axis2=2), turned.reshape(-1, 9)])
-    order: list[list[float]] = (numbers / SAME_TRACE).round().tolist()
+    order: list[list[float]] = (numbers / ROUNDING).round().tolist()
     best = max(range(len(order)), key=order.__getitem__)
     return Pose(rotations[best], translations[best])
 
@@ -136,10 +136,7 @@ def _same(index: ModelIndex, poses: Sequence[Pose], pose: Pose) -> list[bool]:
     axis = axis_of_revolution(index)
     if axis is not None:
         return [equal_but_for_turn(one, pose, axis, index.size) for one in poses]
-    traces = np.array([(one.rotation * pose.rotation).sum() for one in poses])
-    gaps = np.linalg.norm([one.apply(index.middle) - pose.apply(index.middle) for one in poses], axis=1)
-    same: list[bool] = ((traces > 1.0 + 2.0 * np.cos(np.radians(SAME_POSE_DEG))) & (gaps < SAME * index.size)).tolist()
-    return same
+    return [near(index, one, pose) for one in poses]
 
 
 def at_point(covariance: FloatArray, arm: FloatArray) -> FloatArray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 # -- data that can be used -------------------------------------------------------------------------------------------
 
 # Metres: what is said to be farther is a mistake, and its squares and cubes would be without number.
@@ -24,32 +26,23 @@ SEARCH_WIDTH = 1.6
 
 # Cosines: nearer directions count as one (7 degrees), and so do right angles.
 PARALLEL_COSINE = 0.9925
-PERPENDICULAR_COSINE = 0.12
+PERPENDICULAR_COSINE = math.sin(math.acos(PARALLEL_COSINE))
 # The most frequent directions, which span the planes, and the orientations of planes with most features in them.
 MAX_DIRECTIONS = 10
 MAX_NORMALS = 24
 
 # -- symmetry --------------------------------------------------------------------------------------------------------
 
-# In model sizes: what data of the usual accuracy cannot tell apart.
+# In model sizes: what data of the usual accuracy cannot tell apart; what is as near to a face of the hull lies on it.
 SYMMETRY_TOLERANCE = 0.004
-# Features by which most motions that are no symmetry are ruled out.
-SYMMETRY_LOOKS = 6
 # Cosines, components of unit normals, and shifts and offsets as parts of the model's size: what differs by less than
-# this is the same.
+# this is the same; poses are, when they move no end of the model by more.
 SAME = 0.01
-# Degrees: poses are the same when they turn a model by less than this, and shift its middle by less than SAME.
-SAME_POSE_DEG = 1.0
 # As a part of the model's size: shorter distances are rounding.
 EXACT = 1e-6
 
-# Poses whose turns from the camera's frame have traces that differ by less than this are turned equally far.
-SAME_TRACE = 1e-9
-
 # -- convex hull -----------------------------------------------------------------------------------------------------
 
-# Corners and edges lie on a face of the hull when they are this near to it, as a part of the model's size.
-ON_FACE = 0.005
 # Points that stand for a curve.
 CURVE_POINTS = 16
 

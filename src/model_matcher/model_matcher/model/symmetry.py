@@ -19,7 +19,7 @@ from msgs_py.numeric.vectors import perpendicular
 from ..geometry.features import PairTable
 from ..geometry.settings import NOT_ZERO, PARALLEL_SINE
 from .index import ModelIndex
-from .settings import EXACT, SAME, SAME_POSE_DEG, SYMMETRY_LOOKS, SYMMETRY_TOLERANCE
+from .settings import EXACT, SAME, SYMMETRY_TOLERANCE
 
 
 class Axis(NamedTuple):
@@ -143,10 +143,10 @@ def _find_axis(index: ModelIndex) -> Axis | None:
 
 
 def equal_but_for_turn(a: Pose, b: Pose, axis: Axis, size: float) -> bool:
-    """Whether two poses differ by nothing but a turn about an axis of the model; within 1 degree, 1 % of its size."""
-    turn = b.rotate(axis.direction[None])[0] @ a.rotate(axis.direction[None])[0]
-    gap = np.linalg.norm(a.apply(axis.point[None]) - b.apply(axis.point[None]))
-    return bool(turn > np.cos(np.radians(SAME_POSE_DEG)) and gap < SAME * size)
+    """Whether two poses differ by nothing but a turn about an axis of the model; to 1 % of its size."""
+    way = b.rotate(axis.direction[None])[0] - a.rotate(axis.direction[None])[0]
+    gap = a.apply(axis.point[None]) - b.apply(axis.point[None])
+    return bool(np.hypot(0.5 * np.linalg.norm(way), np.linalg.norm(gap) / size) < SAME)
 
 
 def symmetric_poses(index: ModelIndex, pose: Pose, known: tuple[Pose, ...] = ()) -> tuple[Pose, ...]:
@@ -179,11 +179,17 @@ def symmetric_poses(index: ModelIndex, pose: Pose, known: tuple[Pose, ...] = ())
 
 
 def near(index: ModelIndex, a: Pose, b: Pose) -> bool:
-    """Within 1 degree and 1 % of the model's size."""
-    return (
-        a.error_to(b).rotation_deg < SAME_POSE_DEG
-        and float(np.linalg.norm(a.apply(index.middle) - b.apply(index.middle))) < SAME * index.size
-    )
+    """Whether no end of the model is moved by more than 1 % of its size."""
+    gap = a.apply(index.middle) - b.apply(index.middle)
+    return bool(_moved(np.sum(a.rotation * b.rotation), float(np.linalg.norm(gap)), index.size) < SAME)
+
+
+def _moved(trace: np.ndarray | float, gap: np.ndarray | float, size: float) -> np.ndarray:
+    """In model sizes, how far poses move the ends of a model, half its size from the middle.
+
+    trace : of the turn between them, 3 less the squared chord of its angle; gap : metres, of its middle
+    """
+    return np.sqrt(0.25 * np.maximum(3.0 - trace, 0.0) + np.square(gap / size))
 
 
 def _find(index: ModelIndex) -> tuple[Pose, ...]:
@@ -225,9 +231,9 @@ def _that_map(
 ) -> tuple[Pose, ...]:
     """Of motions (m, 3, 3) and (m, 3) those that lay a model on itself, each once, without the identity."""
     rows, tree = index.rows, cKDTree(index.rows[:, :3])
-    # What does not lay a few features near any is none: most are ruled out so.
-    for k in range(0, len(rows), max(1, len(rows) // SYMMETRY_LOOKS)):
-        close = tree.query(rotations @ rows[k, :3] + shifts)[0] < tolerance
+    # What does not lay all features near any is none: most are ruled out by the first few.
+    for middle in rows[:, :3]:
+        close = tree.query(rotations @ middle + shifts)[0] < tolerance
         rotations, shifts = rotations[close], shifts[close]
     middles = rotations @ index.middle + shifts
     found: list[int] = []
@@ -235,8 +241,7 @@ def _that_map(
         chosen = [*found]
         turns = np.einsum('mij,ij->m', rotations[chosen], rotations[k])
         gaps = np.linalg.norm(middles[chosen] - middles[k], axis=1)
-        same_turn = 1.0 + 2.0 * np.cos(np.radians(SAME_POSE_DEG))
-        if ((turns > same_turn) & (gaps < SAME * index.size)).any():
+        if (_moved(turns, gaps, index.size) < SAME).any():
             continue
         motion = Pose(rotations[k], shifts[k])
         if not near(index, motion, Pose.identity()) and _maps(motion, rows, alike, tolerance):

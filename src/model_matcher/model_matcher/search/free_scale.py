@@ -17,7 +17,7 @@ from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, Pose
 from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.typed import FloatArray, IntArray
 
-from ..geometry.settings import SMALLEST_LENGTH
+from ..geometry.settings import ROUNDING, SMALLEST_LENGTH
 from ..interpretation_tree.absolute_pose import validate
 from ..interpretation_tree.match import feasible
 from ..interpretation_tree.settings import FIRST_FRACDEV
@@ -26,17 +26,15 @@ from ..model.problem import make_problem
 from ..params import MatchParams, MatchResult, no_match
 from ..verification.acceptance import accept
 from ..verification.refinement import refine_all
+from ..verification.settings import CANDIDATES
 from .settings import (
+    ALL_PAIRED,
     ANGLE_CLASSES,
-    ESTIMATE_TIME,
-    ESTIMATED,
-    LONGEST_FEATURES,
-    OPEN_SCALE,
     SCALE_STEP,
     SCALE_SURROUNDINGS,
     SCALE_TIME,
-    SCALE_TURNS,
     SCALES,
+    SHARES,
     SHORTEST_DISTANCE,
     UNCHANGED_SCALES,
 )
@@ -74,16 +72,12 @@ def match_free(
     best: MatchResult | None = None
     best_scale = 1.0
     tried = since = 0
+    searching = deadline.share(SHARES.searching)
     for scale in likely_scales(index, data):
-        left = deadline.left
-        if (
-            tried >= SCALES
-            or (best and since >= UNCHANGED_SCALES)
-            or (tried and left <= ESTIMATE_TIME * params.time_limit_s)
-        ):
+        if tried >= SCALES or (best and since >= UNCHANGED_SCALES) or (tried and searching.passed):
             break
         # No scale is to have all the time.
-        seconds = max(min(left, SCALE_TIME * params.time_limit_s), 1e-3)
+        seconds = max(min(deadline.left, SCALE_TIME * params.time_limit_s), 1e-3)
         found = search(index, resized(data, 1.0 / scale), known.replace(time_limit_s=seconds))
         tried += 1
         since += 1
@@ -128,7 +122,7 @@ def _by_directions(index: ModelIndex, data: FeatureSet, params: MatchParams, dea
         index.size,
         scale_free=True,
     )
-    order = np.lexsort((np.nan_to_num(checked.deviations).max(axis=1), -checked.passed.sum(axis=1)))[:ESTIMATED]
+    order = np.lexsort((np.nan_to_num(checked.deviations).max(axis=1), -checked.passed.sum(axis=1)))[:CANDIDATES]
     known = params.replace(scale='known', prove=False)
     estimated: list[Interpretation] = []
     for k in order:
@@ -234,7 +228,7 @@ def _counts(lengths: FloatArray, weights: FloatArray, first: float, bins: int) -
 
 def _distances(rows: FloatArray, shortest: float) -> tuple[FloatArray, IntArray, FloatArray]:
     """Distances between the lines of all pairs, their class of angle, and their weight: pairs near each other count."""
-    rows = rows[np.argsort(-rows[:, 6], kind='stable')[:LONGEST_FEATURES]]
+    rows = rows[np.argsort(-rows[:, 6], kind='stable')[:ALL_PAIRED]]
     i, j = np.triu_indices(len(rows), 1)
     u, v, w = rows[i, 3:6], rows[j, 3:6], rows[j, :3] - rows[i, :3]
     normal = np.cross(u, v)
@@ -289,8 +283,9 @@ def estimate_scale(
         Of the data as observed; None when at the better scale nothing is accepted any more.
 
     """
-    current = found
-    for _ in range(SCALE_TURNS):
+    current, factor = found, np.inf
+    while True:
+        before = abs(factor - 1.0)
         factor = _better_scale(index, resized(data, 1.0 / scale), current)
         scale *= factor
         problem = make_problem(index, resized(data, 1.0 / scale), params)
@@ -301,7 +296,8 @@ def estimate_scale(
         if not accepted:
             return None
         current = accepted[0]
-        if abs(factor - 1.0) < 1e-7 or (deadline is not None and deadline.passed):
+        # Until the scale changes by rounding only.
+        if not ROUNDING < abs(factor - 1.0) < before or (deadline is not None and deadline.passed):
             break
     return _with_scale(current, scale)
 
@@ -328,7 +324,7 @@ def _scale_is_open(index: ModelIndex, chosen: FloatArray, found: Interpretation)
     gaps = np.einsum('kij,kj->ki', across, rows[:, :3] - middle)
     shift, *_ = np.linalg.lstsq(across.reshape(-1, 3), gaps.ravel(), rcond=None)
     left = gaps - across @ shift
-    return bool((left**2).sum() < OPEN_SCALE * index.size**2)
+    return bool((left**2).sum() < ROUNDING * index.size**2)
 
 
 def _with_scale(one: Interpretation, scale: float) -> Interpretation:

@@ -26,18 +26,7 @@ from ..geometry.pair_pose import (
     pair_window,
 )
 from ..geometry.rigid_motion import transform
-from .settings import (
-    LITTLE_EXPLAINED,
-    LOCAL_PARTNERS,
-    LOCAL_TEST,
-    LONGER,
-    MANY,
-    NEEDED,
-    REMEMBERED,
-    SAME_PLACE,
-    SAME_TURN_TRACE,
-    WORTH_KEEPING,
-)
+from .settings import LITTLE_EXPLAINED, LONGER, NEAR, NEEDED, REMEMBERED, SAME_POSE, WORTH_KEEPING
 
 
 class Candidates(NamedTuple):
@@ -49,7 +38,7 @@ class Candidates(NamedTuple):
 
 @njit
 def keep_candidate(motion: FloatArray, score: float, model: ModelFeatures, candidates: Candidates) -> None:
-    """Keep a pose among the best, unless a better one stands near it (SAME_TURN_TRACE, SAME_PLACE).
+    """Keep a pose among the best, unless a better one stands near it (SAME_POSE).
 
     Parameters
     ----------
@@ -70,11 +59,11 @@ def keep_candidate(motion: FloatArray, score: float, model: ModelFeatures, candi
         trace = 0.0
         for i in range(9):
             trace += motion[i] * other[i]
-        if trace < SAME_TURN_TRACE:
-            continue
         ox, oy, oz = transform(other, middle[0], middle[1], middle[2])
         dx, dy, dz = mx - ox, my - oy, mz - oz
-        if dx * dx + dy * dy + dz * dz > (SAME_PLACE * model.size) ** 2:
+        # 3 - trace of the turn between them is the squared chord of its angle.
+        turned = (3.0 - trace) * (0.5 * model.size) ** 2
+        if turned + dx * dx + dy * dy + dz * dz > (SAME_POSE * model.size) ** 2:
             continue
         if scores[k] >= score:
             return
@@ -115,7 +104,7 @@ def gather(data: DataFeatures, a: int, reach: float, widen: float, around: DataF
 @njit
 def _partners_of_both(partners: Int32Array, a: int, b: int, p: int, entered: IntArray, near: Int32Array) -> None:
     """Numbers of the best partners of a data pair, number p, into near; -1 ends them. entered : (n,), scratch space."""
-    knn = min(partners.shape[1], LOCAL_PARTNERS)
+    knn = min(partners.shape[1], NEAR)
     count = 0
     for k in range(2 * knn):
         other = partners[a, k] if k < knn else partners[b, k - knn]
@@ -193,8 +182,8 @@ def search_pairs(
     stamp = np.zeros(model.rows.shape[0], np.int64)
     data_pair, model_pair, motion = np.empty(12), np.empty(12), np.empty(12)
     n = data.rows.shape[0]
-    knn = min(partners.shape[1], LOCAL_PARTNERS)
-    local = n > LOCAL_TEST
+    knn = min(partners.shape[1], NEAR)
+    local = n > 2 * knn
     near = Neighbourhood(np.empty(2 * knn + 1, np.int32), np.empty((2 * knn, 6)), np.empty((2 * knn, 4)))
     entered = np.full(n, -1, np.int64)
     around = DataFeatures(data.rows.copy(), data.kind.copy(), data.tolerances.copy(), data.radius_tolerance)
@@ -211,10 +200,10 @@ def search_pairs(
         if local:
             _partners_of_both(partners, a, b, p, entered, near.features)
             count = into_frame(a, b, data_pair, data, near.features, widen, near)
-        placed, place = -1, 0
+        placed = -1
         hypotheses = matching_pairs(data, model, table, a, b, window, found)
         # Poses nearer to one another than what the pair itself may be off are one: the first is looked at.
-        many, step = hypotheses > MANY, min(data.tolerances[a, 0], data.tolerances[b, 0])
+        step = min(data.tolerances[a, 0], data.tolerances[b, 0])
         for hypothesis in range(hypotheses):
             at, turn = found[hypothesis] // 2, 1.0 - 2.0 * (found[hypothesis] % 2)
             i, j, values = table.members[at, 0], table.members[at, 1], table.values
@@ -222,14 +211,12 @@ def search_pairs(
             if placed != at:
                 pair_frame(model.rows, i, values[at, 2], j, values[at, 4], values[at, 3], model_pair)
                 placed = at
-            if many:
-                place = _place_of(model_pair, turn, step, model.size, p)
-                if seen[place % REMEMBERED] == place:
-                    continue
+            place = _place_of(model_pair, turn, step, model.size, p)
+            if seen[place % REMEMBERED] == place:
+                continue
             if local and not fits_a_third(model_pair, turn, i, j, count, near, model, data):
                 continue
-            if many:
-                seen[place % REMEMBERED] = place
+            seen[place % REMEMBERED] = place
             pair_pose(data_pair, model_pair, turn, motion)
             if n_around < 0:
                 reach = model.size + window.slide_a + window.across + window.cone * abs(window.foot_a)

@@ -11,7 +11,7 @@ import numpy as np
 
 from msgs_py import FeatureKind
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.deadline import Deadline
+from msgs_py.numeric.deadline import Deadline, blocks
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 
 from ..geometry.back_projection import count_matches
@@ -31,7 +31,7 @@ from ..model.problem import Problem
 from ..model.settings import SEARCH_WIDTH
 from ..model.symmetry import axis_of_revolution
 from .pair_search import Candidates, gather, keep_candidate
-from .settings import EDGE_HYPOTHESES, LONGEST_EDGES, PARALLEL_BLOCK, WORTH_KEEPING
+from .settings import ALL_PAIRED, EDGE_HYPOTHESES, WORTH_KEEPING
 
 EDGE = int(FeatureKind.EDGE)
 
@@ -63,11 +63,10 @@ def search_all_parallel(problem: Problem, edges: bool, candidates: Candidates, d
         pairs = np.concatenate([pairs, np.stack([alone, alone], axis=1)])
     state = np.zeros(1, np.int64)
     most = EDGE_HYPOTHESES if edges else np.inf
-    for first in range(0, len(pairs), PARALLEL_BLOCK):
-        if first and (deadline.passed or state[0] > most):
-            break
-        last = min(len(pairs), first + PARALLEL_BLOCK)
+    for first, last in blocks(len(pairs), deadline):
         search_parallel(pairs, may, model, index.parallel_pairs, data, SEARCH_WIDTH, first, last, candidates, state)
+        if state[0] > most:
+            break
     return int(state[0])
 
 
@@ -78,8 +77,8 @@ def _data_pairs(problem: Problem, may: BoolArray, edges: bool) -> Int32Array:
     edges : pairs of edges, rather than pairs with a curve or an axis
     """
     usable = np.flatnonzero(may.any(axis=1) & ((problem.features.kind == EDGE) | (not edges)))
-    if edges and len(usable) > LONGEST_EDGES:
-        usable = np.sort(usable[np.argsort(-problem.rows[usable, 6], kind='stable')[:LONGEST_EDGES]])
+    if edges and len(usable) > ALL_PAIRED:
+        usable = np.sort(usable[np.argsort(-problem.rows[usable, 6], kind='stable')[:ALL_PAIRED]])
     rows, kind = problem.rows[usable], problem.features.kind[usable]
     table = problem.index.parallel_pairs
     pairs, levers = _near_and_parallel(rows, kind, edges, problem.index.size, np.diff(table.starts) > 0)

@@ -16,13 +16,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from msgs_py import FeatureSet
-from msgs_py.numeric.deadline import Deadline
+from msgs_py.numeric.deadline import Deadline, blocks
 from msgs_py.numeric.threads import spread
 from msgs_py.numeric.typed import FloatArray, Int32Array, IntArray
 
 from ..geometry.features import DataFeatures, ModelFeatures, PairTable
 from ..geometry.line_pairs import rank_pairs
 from ..geometry.settings import SMALLEST_LENGTH
+from ..image_pose.settings import DECISIVE
 from ..model.index import ModelIndex, data_tolerances, feature_rows
 from ..model.problem import make_problem
 from ..model.settings import SEARCH_WIDTH
@@ -33,7 +34,6 @@ from .pair_search import Candidates
 from .prefilter_kernels import best_poses, count_hypotheses
 from .settings import (
     BUDGET,
-    COUNTED,
     EACH,
     JUDGED,
     LEAST_CANDIDATES,
@@ -43,7 +43,6 @@ from .settings import (
     PARTNERS,
     POSES,
     SAMPLE,
-    UNDECIDED,
 )
 
 
@@ -117,11 +116,11 @@ def worth_searching(
 
     surplus = np.array(spread(judged, range(len(models))))
     ranked = np.argsort(-surplus, kind='stable')
-    least = 1 if surplus.max(initial=-np.inf) > UNDECIDED else LEAST_CANDIDATES
+    least = 1 if surplus.max(initial=-np.inf) > DECISIVE else LEAST_CANDIDATES
     return [
         int(k)
         for place, k in enumerate(ranked)
-        if place < least or (place < MOST_CANDIDATES and surplus[k] > -UNDECIDED)
+        if place < least or (place < MOST_CANDIDATES and surplus[k] > -DECISIVE)
     ]
 
 
@@ -172,11 +171,9 @@ def library_scores(
     counts = np.zeros(len(pairs), np.int64)
     sample = range(0, len(models), max(1, len(models) // SAMPLE))
     told = [against(number) for number in sample]
-    for first in range(0, len(pairs), COUNTED):
-        if first and deadline.passed:
-            break
+    for first, last in blocks(len(pairs), deadline):
         for model in told:
-            count_hypotheses(pairs[first : first + COUNTED], *model, counts[first : first + COUNTED])
+            count_hypotheses(pairs[first:last], *model, counts[first:last])
     chosen = choose_pairs(pairs, counts / len(sample))
     pairs, near = pairs[chosen], near[chosen]
 

@@ -14,9 +14,10 @@ import numpy as np
 from msgs_py import Pose
 from msgs_py.numeric.typed import ByteArray, FloatArray
 
+from ..image_pose.settings import PATCH
 from ..image_pose.sight import Sight
 from ..image_pose.views import Views
-from .settings import JUMP_M, LEAST_PATCH, PATCH_PX
+from .settings import JUMP_M, PATCH_PX
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +58,7 @@ def patches(sight: Sight, middle: FloatArray, views: Views) -> tuple[Patch | Non
         image = _at_level(views, level).images[eye]
         first = np.maximum(np.floor(low / 2**level), 0).astype(int)
         last = np.minimum(np.ceil(high / 2**level).astype(int) + 1, image.shape[::-1])
-        if (last - first).min() < LEAST_PATCH:
+        if (last - first).min() < 2 * PATCH:
             out.append(None)
             continue
         piece = image[first[1] : last[1], first[0] : last[0]].copy()

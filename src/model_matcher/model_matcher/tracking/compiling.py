@@ -11,9 +11,9 @@ from msgs_py import PinholeCamera, Pose
 from msgs_py.numeric.steps import CompileStep
 
 from ..image_pose.measurement import measure_pose
+from ..image_pose.settings import FLANK
 from ..image_pose.sight import look
 from ..image_pose.views import Views
-from .settings import LEAST_SEARCH
 from .texture import corners_of, followed
 from .tracker import Tracker
 
@@ -38,4 +38,4 @@ def _follow_block() -> None:
     tracker = Tracker(shape, start)
     for _ in range(2):
         tracker.step(views)
-    followed(corners_of(shape, start, sight, views), start, np.eye(6), shape.centre, views, LEAST_SEARCH)
+    followed(corners_of(shape, start, sight, views), start, np.eye(6), shape.centre, views, FLANK)

@@ -14,10 +14,10 @@ from ..image_pose.alignment import Steps
 from ..image_pose.measurement import Presence, elsewhere, fitted, laid, searched, shown
 from ..image_pose.model_error import NO_ERROR, ModelError, settled
 from ..image_pose.neighbours import may_hide
-from ..image_pose.settings import DRAWN_IN, FARTHEST_STEP, FEWEST_POINTS, NEAR, REACH, SPACING
+from ..image_pose.settings import DRAWN_IN, FARTHEST_STEP, FEWEST_POINTS, FLANK, REACH, SPACING, TO_POSE
 from ..image_pose.sight import Outline, Shape, Sight, drawn
 from ..image_pose.views import Views
-from .settings import ASKED, OTHERS_EDGES, ROUNDS, SCREENED
+from .settings import RARE
 
 # Of a matrix of middle and turn (6, 6), that of turn and middle.
 TURN_FIRST = np.ix_([3, 4, 5, 0, 1, 2], [3, 4, 5, 0, 1, 2])
@@ -76,19 +76,20 @@ def searched_for(
         some = seen if level == 0 else _some(seen, np.arange(0, len(seen.eye), 2**level))
         sight = drawn(some, motion, shape.centre, levels[level], SPACING)
         reach = int(np.ceil(min(search_px, REACH)))
-        # What is looked for near by serves to ask the images afterwards, when it is found where it was looked for.
-        steps = searched(sight, levels[level], ASKED if search_px <= NEAR else reach)
-        near = within(steps, reach) if search_px <= NEAR else steps
+        # What is looked for near by serves to ask the images afterwards, when it is found where it was looked for: they
+        # are asked within REACH and a pixel, and it may have moved by one.
+        steps = searched(sight, levels[level], REACH + 2 if search_px <= FLANK else reach)
+        near = within(steps, reach) if search_px <= FLANK else steps
         near = _own(near, sight, motion, levels[level])
         widths = np.array([width for width in DRAWN_IN if width <= 0.5 * reach + 1.0])
         laid(shape, motion, levels[level], sight, near, widths, NO_ERROR, elsewhere(near, reach), prior)
     there = drawn(seen, motion, shape.centre, views, SPACING)
-    if search_px <= NEAR and len(there) == len(sight):
+    if search_px <= FLANK and len(there) == len(sight):
         moved = ((there.placed.pixel - sight.placed.pixel) * sight.placed.normal).sum(axis=1)
-        if np.abs(moved).max(initial=0.0) <= ASKED - REACH - 1:
+        if np.abs(moved).max(initial=0.0) <= 1.0:
             steps = steps._replace(offset=steps.offset - moved[:, None])
-            return Place(motion, *shown(there, views, OTHERS_EDGES, steps, SCREENED))
-    return Place(motion, *shown(there, views, OTHERS_EDGES, screened=SCREENED))
+            return Place(motion, *shown(there, views, (RARE, RARE), steps, screened=False))
+    return Place(motion, *shown(there, views, (RARE, RARE), screened=False))
 
 
 def _own(steps: Steps, sight: Sight, motion: FloatArray, views: Views) -> Steps:
@@ -128,10 +129,10 @@ def measured(
     sight, motion = place.presence.sight, place.motion.copy()
     if len(sight) < FEWEST_POINTS:
         return None
-    density = elsewhere(within(place.steps, NEAR), NEAR)
+    density = elsewhere(within(place.steps, FLANK), FLANK)
     # Of two edges that blur into one, or of one that is hidden by now, the fit makes two as well as it can.
     steps = _own(fitted(sight, views), sight, motion, views)
-    _, weight, normal, error = settled(motion, shape.centre, views.rows, sight.placed, steps, error, density, ROUNDS)
+    _, weight, normal, error = settled(motion, shape.centre, views.rows, sight.placed, steps, error, density, TO_POSE)
     if (weight > 0.0).sum() < FEWEST_POINTS:
         return None
     if error.point > FARTHEST_STEP:

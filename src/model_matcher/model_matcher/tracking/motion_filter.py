@@ -20,7 +20,7 @@ from msgs_py.numeric.typed import FloatArray
 from ..geometry.least_squares import cholesky
 from ..geometry.pose_rows import as_motion, as_pose
 from ..geometry.rigid_motion import compose_small, transform
-from .settings import UNSEEN_TURN
+from ..image_pose.settings import UNSEEN_TURN
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,22 +20,11 @@ from msgs_py.numeric.typed import BoolArray, ByteArray, Float32Array, FloatArray
 from ..geometry.least_squares import solve6
 from ..geometry.pose_rows import as_motion, as_pose
 from ..geometry.rigid_motion import transform
+from ..image_pose.settings import FIT_TURNS
 from ..image_pose.sight import Shape, Sight
 from ..image_pose.views import Views
 from .motion_filter import move_middle
-from .settings import (
-    CORNER_APART,
-    CORNER_OF_NOISE,
-    CORNER_QUALITY,
-    CORNER_SIGMA,
-    CORNERS,
-    FEWEST_CORNERS,
-    FLOW_LEVELS,
-    FLOW_TURNS,
-    FLOW_WINDOW,
-    OFF_OUTLINE,
-    RAYLEIGH_MEDIAN,
-)
+from .settings import CORNER_APART, CORNER_OF_NOISE, CORNER_SIGMA, CORNERS, FEWEST_CORNERS, FLOW_WINDOW
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,19 +57,20 @@ def corners_of(shape: Shape, pose: Pose, sight: Sight, views: Views) -> list[Cor
         if len(outline) < 3:
             continue
         first, last = _box(outline, 0.0, image)
-        if (last - first).min() <= 2 * OFF_OUTLINE:
+        if (last - first).min() <= 2 * CORNER_APART:
             continue
         mask = np.zeros(last[::-1] - first[::-1], np.uint8)
         hull = cv2.convexHull(outline)
         cv2.fillConvexPoly(mask, np.rint(hull - first).astype(np.int32), 255)
-        cv2.polylines(mask, [np.rint(hull - first).astype(np.int32)], True, 0, 2 * OFF_OUTLINE)
+        cv2.polylines(mask, [np.rint(hull - first).astype(np.int32)], True, 0, 2 * CORNER_APART)
         piece = np.ascontiguousarray(image[first[1] : last[1], first[0] : last[0]])
-        corners = cv2.goodFeaturesToTrack(piece, CORNERS, CORNER_QUALITY, CORNER_APART, mask=mask)
+        strongest = float(cv2.minMaxLoc(cv2.cornerMinEigenVal(piece, 3), mask)[1])
+        least = CORNER_OF_NOISE * float(views.noise[eye]) ** 2
+        if strongest <= least:
+            continue
+        corners = cv2.goodFeaturesToTrack(piece, CORNERS, least / strongest, CORNER_APART, mask=mask)
         if corners is None:
             continue
-        strength = cv2.cornerMinEigenVal(piece, 3)
-        column, row = corners[:, 0].astype(int).T
-        corners = corners[strength[row, column] > CORNER_OF_NOISE * float(views.noise[eye]) ** 2]
         pixel = (corners[:, 0] + first).astype(np.float32)
         point = shape.surface(stand.inverse().compose(pose), camera, pixel.astype(float))
         on = np.isfinite(point[:, 0])
@@ -140,10 +130,10 @@ def _flow(one: Corners, pose: Pose, views: Views, reach_px: float) -> tuple[Floa
     window = (FLOW_WINDOW, FLOW_WINDOW)
     start, guess = (one.pixel - first).astype(np.float32)[:, None], (ahead - first).astype(np.float32)[:, None]
     moved, good, _ = cv2.calcOpticalFlowPyrLK(
-        before, after, start, guess.copy(), None, None, window, FLOW_LEVELS, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
+        before, after, start, guess.copy(), winSize=window, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
     )
     back, again, _ = cv2.calcOpticalFlowPyrLK(
-        after, before, moved, start.copy(), None, None, window, FLOW_LEVELS, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
+        after, before, moved, start.copy(), winSize=window, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
     )
     kept: BoolArray = (good[:, 0] > 0) & (again[:, 0] > 0) & (np.abs(back - start).max(axis=(1, 2)) < 1.0)
     return (moved[:, 0] + first).astype(float), kept
@@ -179,7 +169,7 @@ def _aligned(
     normal, right = prior.copy(), np.empty(6)
     step, total, shift = np.zeros(6), np.zeros(6), np.empty(3)
     agree = 0
-    for _ in range(FLOW_TURNS):
+    for _ in range(FIT_TURNS):
         cx, cy, cz = transform(motion, middle[0], middle[1], middle[2])
         for k in range(n):
             px, py, pz = transform(motion, point[k, 0], point[k, 1], point[k, 2])
@@ -201,7 +191,8 @@ def _aligned(
                 slope[k, i, 3] = ay * shift[2] - az * shift[1]
                 slope[k, i, 4] = az * shift[0] - ax * shift[2]
                 slope[k, i, 5] = ax * shift[1] - ay * shift[0]
-        sigma = max(CORNER_SIGMA, np.median(length) / RAYLEIGH_MEDIAN)
+        # The median of a distance whose two coordinates have normal errors (Rayleigh's distribution).
+        sigma = max(CORNER_SIGMA, np.median(length) / math.sqrt(2.0 * math.log(2.0)))
         normal[:], right[:] = prior, -prior @ total
         agree = 0
         for k in range(n):

@@ -16,12 +16,13 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py import CameraRig, Interpretation, PinholeCamera, Pose, StereoRig
+from msgs_py.numeric.settings import BOUND_SIGMA
 from msgs_py.numeric.typed import BoolArray, ByteArray, FloatArray
 
 from ..geometry.pose_rows import as_motion, as_pose
 from ..image_pose.measurement import Presence
 from ..image_pose.model_error import FIRST_ERROR
-from ..image_pose.settings import REACH
+from ..image_pose.settings import FLANK, REACH
 from ..image_pose.sight import NO_SIGHT, Outline, Shape, Sight
 from ..image_pose.views import Views
 from .appearance import patches, shifted
@@ -39,25 +40,7 @@ from .motion_filter import (
     occam,
     predicted,
 )
-from .settings import (
-    ACCELERATION,
-    COVERED,
-    FIRST_FRAMES,
-    GIVEN_UP,
-    JUMP_M,
-    JUMP_RAD,
-    JUMPS,
-    LEAST_SEARCH,
-    PERIOD_S,
-    REMEMBERED,
-    RETURNS,
-    SEARCHED_SIGMAS,
-    SOUGHT_S,
-    SPEED,
-    START,
-    VANISHES,
-    WEAK,
-)
+from .settings import ACCELERATION, COVERED, JUMP_M, JUMP_RAD, PERIOD_S, RARE, REMEMBERED, SPEED, START, WEAK
 from .texture import corners_of
 from .texture import followed as by_corners
 
@@ -171,7 +154,7 @@ class Tracker:
     @property
     def pose(self) -> Pose | None:
         """first_T_model in the last frame; None when it is lost."""
-        return self._state.pose if self._log_odds > GIVEN_UP else None
+        return self._state.pose if self._log_odds > 0.0 else None
 
     def restart(self, start: Pose | Interpretation) -> None:
         """Take the object up at a pose first_T_model, at rest as far as is known."""
@@ -183,9 +166,9 @@ class Tracker:
             spread = about_middle(covariance, pose, middle)
         self._state = at_rest(pose, middle, spread, self.params.speed, self.params.speed / self._arm)
         self._error = FIRST_ERROR
-        self._log_odds = -math.log(VANISHES)
+        self._log_odds = -math.log(RARE)
         self._support = 1.0
-        self._accelerations = np.array([self.params.acceleration**2, 1.0]) * FIRST_FRAMES
+        self._accelerations = np.array([self.params.acceleration**2, 1.0])
         self._begun = False
         self._last: tuple[Sight, Pose, Views] | None = None
         self._measured: FloatArray | None = None
@@ -235,7 +218,7 @@ class Tracker:
         if not (math.isfinite(seconds) and seconds >= 0.0):
             raise ValueError(f'seconds: expected a number of at least 0, got {seconds!r}')
         self.frames += 1
-        lost = self._log_odds <= GIVEN_UP
+        lost = self._log_odds <= 0.0
         state = self._state if camera_motion is None else moved_camera(self._state, camera_motion)
         if not lost:
             acceleration = math.sqrt(self._accelerations[0] / self._accelerations[1])
@@ -246,7 +229,8 @@ class Tracker:
         if self._quality is not None and len(self._quality[0]) == len(views) and self.frames % REMEMBERED:
             views.take_over(self._quality)
         self._lost_s = self._lost_s + seconds if lost else 0.0
-        if self._lost_s > SOUGHT_S:
+        # By then it may be anywhere but where it was: it has had the time to leave its own place.
+        if self._lost_s * self.params.speed > self.shape.size:
             return self._result(state, Presence(-math.inf, 0.0, NO_SIGHT, np.zeros(0, np.int8)), 0.0)
         outline = self._aspects.outline(state.pose, views)
         hidden = behind(outline, state.pose, views, nearer) if nearer else None
@@ -259,7 +243,7 @@ class Tracker:
         motion, covariance, error = found
         evidence = place.presence.log_ratio + guess.prior - occam(guess.state.covariance[:6, :6], covariance)
         self._weigh(evidence)
-        if self._log_odds > GIVEN_UP:
+        if self._log_odds > 0.0:
             if guess.state is state:
                 self._learn(state, as_pose(motion), covariance)
             self._error, self._support, self._evidence = error, place.presence.support, evidence
@@ -276,13 +260,13 @@ class Tracker:
 
         state, before : predicted, and as it was in the last frame
         """
-        far, jump = self._far(state, views), math.log(JUMPS)
+        far, jump = self._far(state, views), math.log(RARE)
         if not lost:
             near = self._near(state, views)
             yield _Guess(state, min(near, float(REACH)), 0.0)
             turned = self._by_texture(state, before, seconds, views, far)
             if turned is not None:
-                yield _Guess(turned, max(LEAST_SEARCH, min(self._near(turned, views), float(REACH))), 0.0, True)
+                yield _Guess(turned, max(FLANK, min(self._near(turned, views), float(REACH))), 0.0, True)
             if near > REACH:
                 yield _Guess(state, near, 0.0)
         pushed = self._unsettled(state)
@@ -340,7 +324,7 @@ class Tracker:
         # Of the three shifts and turns each, the largest; a turn at the point that is farthest from the middle.
         blocks = np.stack([state.covariance[:3, :3], state.covariance[3:6, 3:6]])
         shift, turn = np.sqrt(np.linalg.eigvalsh(blocks)[:, -1]).tolist()
-        return max(LEAST_SEARCH, SEARCHED_SIGMAS * self._pixels(state, views) * math.hypot(shift, turn * self._arm))
+        return max(FLANK, BOUND_SIGMA * self._pixels(state, views) * math.hypot(shift, turn * self._arm))
 
     def _far(self, state: BodyState, views: Views) -> float:
         """The same after a sudden move."""
@@ -369,11 +353,11 @@ class Tracker:
     def _weigh(self, log_ratio: float) -> None:
         """One step of the hidden Markov chain of being there."""
         there = 1.0 / (1.0 + math.exp(-min(max(self._log_odds, -700.0), 700.0)))
-        there = there * (1.0 - VANISHES) + (1.0 - there) * RETURNS
-        self._log_odds = max(math.log(there) - math.log1p(-there) + log_ratio, math.log(RETURNS))
+        there = there * (1.0 - RARE) + (1.0 - there) * RARE
+        self._log_odds = max(math.log(there) - math.log1p(-there) + log_ratio, math.log(RARE))
 
     def _result(self, state: BodyState, presence: Presence, search: float) -> Tracked:
-        lost = self._log_odds <= GIVEN_UP
+        lost = self._log_odds <= 0.0
         reason = f'the images show {presence.support:.0%} of its outline, as chance does' if lost else None
         return Tracked(
             None if lost else state.pose, state.pose_covariance, state.twist, presence, self._log_odds, search, reason

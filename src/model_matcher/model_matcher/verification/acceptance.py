@@ -15,14 +15,13 @@ from msgs_py import BIN, Interpretation
 from ..geometry.pose_rows import as_pose
 from ..geometry.settings import NOT_ZERO, ROUNDING
 from ..model.problem import Problem
-from ..model.settings import SAME
-from ..model.symmetry import symmetric_poses
+from ..model.symmetry import near, symmetric_poses
 from ..params import MatchParams
 from .false_alarms import needed_evidence
 from .interpretations import as_interpretation, covered
 from .pose_fit import fitted_poses, stated_errors
 from .refinement import Refined
-from .settings import CANDIDATES, CLAIMED, FURTHER, NEARLY_ALL, OUTDONE, SAME_COVER
+from .settings import CANDIDATES, CLAIMED, FURTHER, NEARLY_ALL, PLACES, WORST
 
 
 class _Groups(NamedTuple):
@@ -106,7 +105,8 @@ def _grouped(problem: Problem, refined: Refined, order: list[int], common: np.nd
                 continue
             alike = int(scores[k]) >= int(scores[head]) and shared == total == shared_data[head][head]
             if alike and residuals[k] <= 1.5 * residuals[head] + ROUNDING:
-                if not _near(problem, refined, k, [head, *others]):
+                poses = [as_pose(refined.motions[other]) for other in (head, *others)]
+                if not any(near(problem.index, as_pose(refined.motions[k]), pose) for pose in poses):
                     others.append(k)
                 groups.repeated.add(k)
             else:
@@ -154,7 +154,7 @@ def _share_evidence(refined: Refined, common: np.ndarray) -> None:
         (further > 0.0)
         & (common >= NEARLY_ALL * common.diagonal())
         & (evidence[:, None] < evidence)
-        & (evidence[:, None] > evidence - OUTDONE * further)
+        & (evidence[:, None] > evidence - WORST * further)
     )
     if not more.any():
         return
@@ -174,21 +174,9 @@ def _ranked(problem: Problem, refined: Refined) -> list[int]:
     if len(distinct) > CANDIDATES:
         for k in np.flatnonzero((distinct > 0.0) & (distinct >= NEARLY_ALL * distinct.max(initial=0.0))):
             cover[k] = covered(problem, refined.motions[k], refined.assignments[k])
-    step = max(SAME_COVER * cover.max(initial=0.0), NOT_ZERO)
+    step = max(cover.max(initial=0.0) / PLACES, NOT_ZERO)
     # Poses that a symmetry makes equal come in the order of their assignments, whatever search found them.
     return sorted(
         (k for k in range(len(distinct)) if distinct[k] > 0.0),
         key=lambda k: (-round(float(cover[k]) / step), -round(float(evidence[k]), 3), refined.assignments[k].tolist()),
     )
-
-
-def _near(problem: Problem, refined: Refined, k: int, others: list[int]) -> bool:
-    """Whether a pose repeats another: within 1 degree and 1 % of the model's size."""
-    mine = refined.motions[k]
-    for other in refined.motions[others]:
-        if mine[:9] @ other[:9] < 3.0 - 3e-4:
-            continue
-        gap = (mine[:9] - other[:9]).reshape(3, 3) @ problem.index.middle + mine[9:] - other[9:]
-        if np.linalg.norm(gap) < SAME * problem.index.size:
-            return True
-    return False

@@ -39,22 +39,20 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array
 from ..geometry.features import CURVE, DataFeatures, ModelFeatures
 from ..geometry.line_pairs import pair_geometry
 from ..geometry.rigid_motion import inverse_rotate, inverse_transform, transform
+from ..geometry.settings import PARALLEL_SINE
 from ..model.regularity import Regularity
 from ..model.settings import PARALLEL_COSINE, PERPENDICULAR_COSINE
 from .settings import (
     ANGLE,
     BIAS,
     COVERED,
-    ENOUGH,
     FIXING_SINE,
     FRAGMENTS,
     NEIGHBOURHOOD,
     NEIGHBOURS,
     PER_OFFSET,
-    PLACING_SINE,
     RADII,
     REACH,
-    RUNS_ON_SINE,
     SAME_LENGTH,
     SHORT,
     WHOLE,
@@ -246,7 +244,7 @@ def _next_plane(
         if _remainder(normals[i], fixed, n_fixed, rest) <= FIXING_SINE:
             continue
         value = planes.nats[i]
-        if n_placed < 3 and _remainder(normals[i], placed, n_placed, rest) > PLACING_SINE:
+        if n_placed < 3 and _remainder(normals[i], placed, n_placed, rest) > FIXING_SINE:
             value = -1.0
         if value < least:
             best, least = i, value
@@ -283,16 +281,13 @@ def _directions_and_radii(model: ModelFeatures, used: BoolArray, regular: Regula
     """Nats of the directions and of the distinct radii of the features used (e,); of_radius : (e,) nats of each."""
     rows, direction = model.rows, regular.direction
     seen = np.zeros(len(used), np.bool_)
-    directions, radii = np.empty((12, 3)), np.empty(ENOUGH)
+    directions, radii = np.empty((12, 3)), np.empty(len(used))
     per_angle = -np.log(min(1.0, ANGLE * (direction.max() + 1)))
-    n_directions = n_radii = features = 0
+    n_directions = n_radii = 0
     total = 0.0
     for j in regular.order:
         if not used[j]:
             continue
-        features += 1
-        if features > ENOUGH:
-            break
         if not seen[direction[j]] and n_directions < len(directions):
             seen[direction[j]] = True
             total += per_angle * free_angles(rows[j, 3:6], directions, n_directions)
@@ -344,16 +339,13 @@ def coincidences(
     known = np.zeros((q, e), np.bool_)
     placed, fixed = np.zeros((3, 3)), np.zeros((3, 3))
     rest = np.zeros(3)
-    n_placed = features = 0
+    n_placed = 0
     total = _directions_and_radii(model, used, regular, of_radius)
     turn_is_open = _all_parallel(used, regular.direction)
     for k in range(e):
         j = order[k]
         if not used[j]:
             continue
-        features += 1
-        if features > ENOUGH:
-            break
         freedom = 3 if model.kind[j] == CURVE else 2
         n_fixed = 0
         for i in range(q):
@@ -437,7 +429,7 @@ def meet(a: FloatArray, b: FloatArray, tolerance: float) -> bool:
     if x * x + y * y + z * z > reach * reach:
         return False
     _, s, d, fa, fb, _ = pair_geometry(a, b)
-    if s < RUNS_ON_SINE or abs(d) > tolerance:
+    if s < PARALLEL_SINE or abs(d) > tolerance:
         return False
     beyond = tolerance / s
     near_ends: bool = (

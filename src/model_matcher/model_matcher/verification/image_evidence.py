@@ -24,7 +24,7 @@ from msgs_py.numeric.typed import FloatArray, IntArray
 from ..geometry.pose_rows import as_pose
 from ..image_pose.measurement import Presence, looked_for, polished, presence, shown
 from ..image_pose.presence import overlap
-from ..image_pose.settings import REACH
+from ..image_pose.settings import DECISIVE, REACH, SPACING, UNSEEN_TURN
 from ..image_pose.sight import Shape
 from ..image_pose.surface import Agreement, agreement, log_ratio
 from ..image_pose.views import Views
@@ -35,20 +35,7 @@ from ..model.symmetry import axis_of_revolution, common_axis, equal_but_for_turn
 from .evidence import displaced
 from .false_alarms import chance_with_images
 from .refinement import evidence_at
-from .settings import (
-    CLAIMED,
-    DRAWN,
-    FREE_TURN_VARIANCE,
-    GLANCE,
-    IMAGE_EVIDENCE,
-    LIKE_PART,
-    SAME_STEP,
-    SEEN_LARGE,
-    SURFACE_DECIDES,
-    TURN_PX,
-    TURNED,
-    WHOLE,
-)
+from .settings import CLAIMED, IMAGE_EVIDENCE, SEEN_LARGE, TURNED, WHOLE
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,13 +107,12 @@ def weigh(
             coarse, near = coarse.halved, 2.0 * near
         poses = _turns(problem.index, shape, hypothesis, turned, coarse)
     chosen = poses
-    if len(poses) > DRAWN:
+    if len(poses) > TURNED:
         # One look at each, as coarse as its steps are, says which to draw in.
         glances = spread(
-            lambda pose: -math.inf if deadline.passed else presence(shape, pose, coarse, spacing=GLANCE).log_ratio,
-            poses,
+            lambda pose: -math.inf if deadline.passed else presence(shape, pose, coarse, spacing=REACH).log_ratio, poses
         )
-        chosen = [poses[k] for k in np.argsort(glances)[::-1][:DRAWN]]
+        chosen = [poses[k] for k in np.argsort(glances)[::-1][:TURNED]]
     found: list[Weighed] = []
     for pose in chosen:
         if found and deadline.passed:
@@ -167,8 +153,8 @@ def _turns(index: ModelIndex, shape: Shape, hypothesis: Interpretation, motion: 
         return [pose]
     # Turns that lay the model on itself: what is between two of them is all there is.
     fold = 1 + sum(equal_but_for_turn(motion, Pose.identity(), axis, index.size) for motion in symmetries(index))
-    # So fine that the outline moves by TURN_PX from one to the next.
-    steps = int(np.ceil(np.pi * _pixels(shape, pose, views) / TURN_PX / fold))
+    # So fine that the outline moves by REACH from one to the next: within reach of both.
+    steps = int(np.ceil(np.pi * _pixels(shape, pose, views) / REACH / fold))
     turns = [Pose.from_rotation_vector(k * (2.0 * np.pi / (fold * steps)) * axis.direction) for k in range(steps)]
     return [pose.compose(Pose(turn.rotation, axis.point - turn.rotation @ axis.point)) for turn in turns]
 
@@ -297,7 +283,7 @@ def _with_turns(
 
 def _with_surface(shape: Shape, one: Weighed, views: Views, needed: float) -> Weighed:
     """A hypothesis with what the images show of its surface, where that is likely to decide."""
-    if one.evidence + SURFACE_DECIDES < needed:
+    if one.evidence + DECISIVE < needed:
         return one
     return replace(one, surface=agreement(shape, as_pose(one.motion), one.shown.sight, views))
 
@@ -317,7 +303,7 @@ def _another(problem: Problem, one: Weighed) -> str | None:
     used[assignment[assignment != BIN]] = True
     faces = regularity(problem.index).faces
     against = displaced(one.motion, problem.model, problem.features, assignment, used, faces)
-    if against < LIKE_PART:
+    if against < DECISIVE:
         return None
     return f'a curve is seen where the model has none ({against:.1f} nats): this is another object like it'
 
@@ -327,7 +313,7 @@ def _measured(shape: Shape, one: Weighed, views: Views) -> Interpretation:
     found = polished(shape, one.motion, views)
     hypothesis = one.hypothesis
     turn, note = hypothesis.free_turn, hypothesis.note
-    if turn is not None and float(turn @ found.covariance[3:, 3:] @ turn) < FREE_TURN_VARIANCE:
+    if turn is not None and float(turn @ found.covariance[3:, 3:] @ turn) < UNSEEN_TURN:
         turn, note = None, None  # the images tell what the features left open
     return replace(
         hypothesis,
@@ -368,7 +354,7 @@ def _why_rejected(one: Weighed, taken: list[Weighed], claimed: Sequence[Presence
 def compete(some: Sequence[Presence], others: Sequence[Presence]) -> bool:
     """Whether any of some outlines lies on edges of which another one holds more than CLAIMED."""
     return any(
-        overlap(one.sight.placed, one.found, other.sight.placed, other.found, SAME_STEP) > CLAIMED
+        overlap(one.sight.placed, one.found, other.sight.placed, other.found, SPACING) > CLAIMED
         for one in some
         for other in others
     )

@@ -8,18 +8,20 @@ import numpy as np
 
 from msgs_py import BIN
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.deadline import Deadline
+from msgs_py.numeric.deadline import Deadline, blocks
 from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
 from ..geometry.back_projection import assign, count_matches
 from ..geometry.features import DataFeatures, ModelFeatures
 from ..geometry.least_squares import refine
+from ..image_pose.settings import DECISIVE
 from ..model.problem import Problem
 from ..model.regularity import Regularity, regularity
+from ..model.settings import SEARCH_WIDTH
 from ..params import MatchParams
 from .evidence import Planes, evidence, plane_table
 from .false_alarms import needed_evidence
-from .settings import AT_ONCE, DOUBTFUL, KEEP, WIDTHS
+from .settings import NEARLY_ALL
 
 
 class Refined(NamedTuple):
@@ -93,14 +95,15 @@ def refine_candidates(
 
     """
     stamp = np.full(model.rows.shape[0], -1, np.int64)
-    final = WIDTHS[-1]
+    # Tolerances count so many times in successive fits: a pose from two short edges is off by more than the data.
+    widths = (SEARCH_WIDTH, np.sqrt(SEARCH_WIDTH), 1.0, 1.0)
     for k in range(first, last):
         if scores[k] <= 0.0 or (np.floor(scores[k]) < keep * np.floor(scores[0]) and best >= doubtful):
             continue
         motion, assignment, sign = refined.motions[k], refined.assignments[k], refined.signs[k]
-        rms = refine(motion, model, data, WIDTHS, assignment, sign)
-        assign(motion, model, data, final, assignment, sign)
-        refined.scores[k] = count_matches(motion, model, data, final, stamp, k, 0.0)
+        rms = refine(motion, model, data, widths, assignment, sign)
+        assign(motion, model, data, 1.0, assignment, sign)
+        refined.scores[k] = count_matches(motion, model, data, 1.0, stamp, k, 0.0)
         refined.residuals[k] = rms
         refined.evidence[k] = evidence(motion, model, data, assignment, regular, planes)
         best = max(best, refined.evidence[k])
@@ -112,7 +115,7 @@ def refine_all(
     motions: np.ndarray,
     scores: np.ndarray,
     params: MatchParams,
-    keep: float = KEEP,
+    keep: float = NEARLY_ALL,
     deadline: Deadline | None = None,
 ) -> Refined:
     """Refine candidate poses.
@@ -140,16 +143,12 @@ def refine_all(
     refined = Refined(
         motions, np.full((c, n), BIN, np.int32), np.zeros((c, n), np.int8), np.zeros(c), np.zeros(c), np.zeros(c)
     )
-    doubtful = needed_evidence(problem, params) + DOUBTFUL
+    doubtful = needed_evidence(problem, params) + DECISIVE
     model, data, regular = problem.model, problem.features, regularity(problem.index)
     planes = plane_table(regular.offsets, regular.sorted, 1.0 / float(np.mean(1.0 / data.tolerances[:, 0])))
-    best, first, at_once = -np.inf, 0, max(1, AT_ONCE // n)
-    while first < c and scores[first] > 0.0:
-        last = min(c, first + at_once)
+    best = -np.inf
+    for first, last in blocks(int((scores > 0.0).sum()), deadline or Deadline()):
         best = refine_candidates(scores, keep, doubtful, model, data, regular, planes, first, last, best, refined)
-        first = last
-        if deadline is not None and deadline.passed:
-            break
     return refined
 
 
@@ -173,7 +172,7 @@ def evidence_at(problem: Problem, motion: FloatArray) -> tuple[float, Int32Array
     """
     n = len(problem.rows)
     assignment, sign = np.empty(n, np.int32), np.empty(n, np.int8)
-    assign(motion, problem.model, problem.features, WIDTHS[-1], assignment, sign)
+    assign(motion, problem.model, problem.features, 1.0, assignment, sign)
     regular = regularity(problem.index)
     planes = plane_table(regular.offsets, regular.sorted, 1.0 / float(np.mean(1.0 / problem.tolerances[:, 0])))
     return evidence(motion, problem.model, problem.features, assignment, regular, planes), assignment, sign

@@ -13,15 +13,6 @@ from typing import NamedTuple
 
 # Candidate poses that a search keeps, and that are refined; more where many are nearly as good as the best.
 CANDIDATES = 16
-# In tolerances: what counts as on the model in successive fits. A pose from two short edges is off by more than the
-# data's own error.
-WIDTHS = (1.5, 1.2, 1.0, 1.0)
-# Candidates within this part of the best score are refined; all of them, when the best evidence is less than what is
-# needed and so many nats.
-KEEP = 0.6
-DOUBTFUL = 5.0
-# Candidates times data features that are refined between two looks at the clock, one candidate at least.
-AT_ONCE = 2000
 
 # -- the line of sight -----------------------------------------------------------------------------------------------
 
@@ -53,18 +44,18 @@ PER_OFFSET = 0.5
 SAME_LENGTH = 0.05
 # In tolerances: systematic error of a plane, which more data does not take away; ideal data is no infinite proof.
 BIAS = 0.15
-# Nats: a single plane off by the whole tolerance takes back no more than this, its coincidence included.
+# Nats: a single plane off by the whole tolerance takes back no more than this, its coincidence included; nor does a
+# further feature that another pose explains.
 WORST = 4.0
-# Matched features that are looked at: with so many there is no doubt.
-ENOUGH = 64
 # A normal fixes a feature, or places the pose, when this much of it (a sine) is outside the span of those before.
-FIXING_SINE, PLACING_SINE = 0.4, 0.3
+FIXING_SINE = 0.4
 
 # -- coverage --------------------------------------------------------------------------------------------------------
 
-# A model edge is found whole when this part of its length is covered, for which the chance in the model is WHOLE.
+# A model edge is found whole when this part of its length is covered.
 COVERED = 0.75
-WHOLE = 0.7
+# Chance of that where the model is; share of an outline that is confirmed where nothing of it is hidden.
+WHOLE = 0.85
 # Nats: no less for all lengths together; where all is broken, pieces say little.
 FRAGMENTS = -1.0
 
@@ -95,8 +86,6 @@ class NeighbourCounts(NamedTuple):
 NEIGHBOURS = NeighbourCounts(2.2, 0.03, 0.3, 0.03)
 # Edges meet when their lines do within this part of their lengths beyond their ends.
 REACH = 0.12
-# Sine below which two edges do not meet but run on.
-RUNS_ON_SINE = 0.2
 # In tolerances: the direction of a shorter edge is too poor to say that it is not the model's.
 SHORT = 6.0
 # In model sizes: radius about the model's middle in which unexplained data is counted for its density.
@@ -148,12 +137,10 @@ FALSE_ALARMS = FalseAlarms(-14.5, 1.9, 500.0)
 CLAIMED = 0.34
 # So large a part of the data of another pose, or of the most distinct model features of any, counts as nearly all.
 NEARLY_ALL = 0.9
-# A pose that explains nearly all data of another, and more, has its evidence, unless its own is less by more than so
-# many nats for each further model feature; features beyond FURTHER make no difference.
-OUTDONE, FURTHER = 4.0, 2.0
-# Parts of the model covered by data that differ by less than this part are equal.
-SAME_COVER = 0.02
-# Places along a model edge that are looked at.
+# A pose that explains nearly all data of another, and more, has its evidence, unless its own is less by more than WORST
+# for each further model feature; features beyond these make no difference.
+FURTHER = 2.0
+# Places along a model edge that are looked at; parts of a model that are covered differ when they do by one of them.
 PLACES = 64
 
 # -- what images say -------------------------------------------------------------------------------------------------
@@ -172,24 +159,9 @@ class ImageEvidence(NamedTuple):
 
 
 IMAGE_EVIDENCE = ImageEvidence(0.35, 0.75, 1.27)
-# Nats that a surface is asked for: two faces of print bring as much.
-SURFACE_DECIDES = 6.0
-# Pixels between points of two outlines, SPACING apart on each, that may stand on one step.
-SAME_STEP = 4.0
-# Square radians, about an axis: a turn known to a tenth of a radian is not free.
-FREE_TURN_VARIANCE = 0.01
-# Pixels that the outline moves from one of the tried turns to the next: within reach of both.
-TURN_PX = 8.0
 # Pixels of an object's diagonal, above which its turns are told apart in images of half the size: an outline of half of
 # this still has some fifty points, GLANCE apart, in each view.
 SEEN_LARGE = 250.0
-# Nats: one object in twenty that has a model's outline is not the model but a part like it.
-LIKE_PART = 3.0
-# Pixels between points of an outline that is only glanced at, to choose among poses of one hypothesis; and how many of
-# these are then drawn in.
-GLANCE = 10.0
-DRAWN = 3
-# Hypotheses with a free turn, the best of a search, all turns of which are looked at: many share one axis.
+# Hypotheses with a free turn, the best of a search, all turns of which are looked at, for many share one axis; and
+# poses of one hypothesis that are drawn in after a glance at each.
 TURNED = 2
-# Share of an outline that is confirmed where nothing of it is hidden; its data is then no other pose's.
-WHOLE = 0.85

@@ -14,7 +14,7 @@ from msgs_py import FeatureSet, Interpretation, PinholeCamera, Pose
 from msgs_py.numeric.typed import AnyArray, ByteArray, FloatArray
 
 from ..image_pose.views import Views
-from .settings import CURVE_SAMPLES, DECIMALS, JPEG_QUALITY
+from .settings import DECIMALS
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,12 +98,12 @@ def model_lines(models: Mapping[str, FeatureSet]) -> dict[str, list[list[list[fl
 
 def line_records(features: FeatureSet) -> list[list[list[float]]]:
     """Each feature as a list of points, metres."""
-    return [_rounded(features.polyline(k, CURVE_SAMPLES)) for k in range(len(features))]
+    return [_rounded(features.polyline(k)) for k in range(len(features))]
 
 
 def image_text(image: ByteArray) -> str:
     """An image (h, w) uint8 as the address of itself, which an ``img`` element takes."""
-    encoded = cv2.imencode('.jpg', image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
+    encoded = cv2.imencode('.jpg', image)[1]
     return 'data:image/jpeg;base64,' + base64.b64encode(encoded.tobytes()).decode()
 
 

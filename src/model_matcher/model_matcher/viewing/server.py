@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Any
 
 from .page import json_text
-from .settings import SIGN_OF_LIFE_S
+from .settings import SILENT_S
 
 HOST = '127.0.0.1'
 # A page of somewhere else whose name was made to lead here (DNS rebinding) must not read the images.
@@ -129,7 +129,7 @@ class PageServer:
         while True:
             with self._changed:
                 if self._number == sent and not self._closed:
-                    self._changed.wait(SIGN_OF_LIFE_S)
+                    self._changed.wait(SILENT_S)
                 if self._closed:
                     return
                 make, number = self._make, self._number

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
+
+from .settings import LOOK_S
 
 
 class Deadline:
@@ -58,3 +61,40 @@ class Deadline:
     def seconds(self) -> float:
         """Since it was made."""
         return time.perf_counter() - self._begun
+
+
+def blocks(count: int, deadline: Deadline, first: int = 0) -> Iterator[tuple[int, int]]:
+    """Stretches of a loop, so long that the clock is looked at about every LOOK_S; none begins after the end but one.
+
+    What an item takes is not known beforehand: the first stretch is of one, each is sixteen times as long as the one
+    before while that took less than a sixteenth of LOOK_S, and half as long when it took more than all of it.
+
+    Parameters
+    ----------
+    count : int
+        Of the items.
+    deadline : Deadline
+    first : int
+        The item to begin with.
+
+    Yields
+    ------
+    first, last : int
+        The items of a stretch are first to last - 1.
+
+    Examples
+    --------
+    >>> list(blocks(10, Deadline()))
+    [(0, 1), (1, 10)]
+    >>> list(blocks(10, Deadline(0.0)))
+    [(0, 1)]
+    """
+    size, begun = 1, time.perf_counter()
+    while first < count:
+        yield first, min(count, first + size)
+        first += size
+        now = time.perf_counter()
+        size = max(1, size // 2) if now - begun > LOOK_S else 16 * size if now - begun < LOOK_S / 16 else size
+        begun = now
+        if deadline.passed:
+            break

@@ -1,4 +1,4 @@
-"""The scale of normal noise from medians, which outliers hardly move.
+"""The scale of normal noise from medians, which outliers hardly move, and beyond what something is one of these.
 
 Examples
 --------
@@ -10,9 +10,16 @@ Examples
 
 from __future__ import annotations
 
-from .settings import MAD_TO_SIGMA, NORMAL_QUARTILE
+import math
 
-__all__ = ['MAD_TO_SIGMA', 'NORMAL_QUARTILE', 'sigma_from_median']
+from scipy.special import chdtri
+
+from .settings import BOUND_SIGMA, MAD_TO_SIGMA, NORMAL_QUARTILE
+
+__all__ = ['MAD_TO_SIGMA', 'NORMAL_QUARTILE', 'OUTLYING', 'sigma_from_median']
+
+# Chi squared, by its degrees of freedom, beyond which a normal error is as rarely as a single one beyond three sigma.
+OUTLYING = (0.0, *(float(chdtri(degrees, math.erfc(BOUND_SIGMA / math.sqrt(2.0)))) for degrees in range(1, 13)))
 
 
 def sigma_from_median(median: float) -> float:

@@ -14,15 +14,24 @@ UNIT_FORM = 2
 # Characters of a function's name that an entry's file name begins with, for who lists the folder.
 NAME_CHARACTERS = 40
 
+# How many sigma what bounds an error is, such as err_par and err_per of a feature; beyond it is no noise.
+BOUND_SIGMA = 3.0
+
 # The median of |x| of a normal variable x of sigma 1 (its upper quartile).
 NORMAL_QUARTILE = 0.6745
 # Times the median of |x| gives sigma: 1 / NORMAL_QUARTILE, rounded as in most textbooks.
 MAD_TO_SIGMA = 1.4826
 
+# Lengths, squares of sines, variances and sums of weights are divided by at least this, in metres, radians or pixels.
+NOT_ZERO = 1e-12
+
 # By which a correlation may miss symmetry, and its least eigenvalue zero: what numbers of 32 bits round away.
 PSD_TOLERANCE = 1e-6
 # Stands for a sigma of zero where something is divided by it, in any unit.
 LEAST_SIGMA = 1e-150
+
+# Seconds between two looks at the clock, and at what else may end a piece of work.
+LOOK_S = 0.005
 
 # Threads at most: more than a desktop's memory bandwidth feeds are no faster.
 THREADS = 4

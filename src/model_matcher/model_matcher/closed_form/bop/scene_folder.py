@@ -19,11 +19,12 @@ import cv2
 import numpy as np
 
 from csg_renderer.features.library import MODEL_SUFFIXES
+from csg_renderer.mesh.units import METRES
 from msgs_py import CameraRig, PinholeCamera, Pose
 from msgs_py.files import check_image, read_text
 from msgs_py.numeric.typed import ByteArray, FloatArray
 
-MM = 1e-3
+MM = METRES['mm']
 # The sensors whose images are grey, in the order in which a scene's folders are looked for.
 IMAGE_FOLDERS = ('rgb', 'gray')
 IMAGE_SUFFIXES = ('.png', '.jpg', '.jpeg', '.tif', '.tiff')

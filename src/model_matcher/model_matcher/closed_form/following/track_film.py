@@ -12,10 +12,9 @@ import numpy as np
 
 from msgs_py.numeric.typed import ByteArray
 
-from ...drawing import GREEN, ORANGE, RED
+from ...drawing import GREEN, ORANGE, RED, draw_line
 from .follow import FollowedFrame
 
-_SHIFT = 4  # fractional bits of OpenCV's coordinates
 _LETTERS = 0.5
 
 
@@ -31,9 +30,8 @@ def draw_followed(one: FollowedFrame, scale: float = 1.0) -> ByteArray:
         rows = presence.sight.rows(0)
         at = scale * (placed.pixel[rows] + 0.5) - 0.5
         half = 0.5 * scale * presence.sight.spacing[rows, None] * placed.normal[rows][:, ::-1] * [1.0, -1.0]
-        ends = np.rint(np.stack([at - half, at + half], axis=1) * 2**_SHIFT).astype(np.int32)
-        for line, found in zip(ends, presence.found[rows]):
-            cv2.polylines(picture, [line], False, GREEN if found == 1 else ORANGE, 1, cv2.LINE_AA, _SHIFT)
+        for line, found in zip(np.stack([at - half, at + half], axis=1), presence.found[rows]):
+            draw_line(picture, line, GREEN if found == 1 else ORANGE)
     words = 'lost' if lost else f'{one.tracked.presence.support:.0%}' if one.tracked else ''
     words = f'{one.frame.stamp_s:7.2f} s  {words}{"  found" if one.found_anew else ""}'
     cv2.putText(picture, words, (6, 18), cv2.FONT_HERSHEY_SIMPLEX, _LETTERS, RED if lost else GREEN, 1, cv2.LINE_AA)

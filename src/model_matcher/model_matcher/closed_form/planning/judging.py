@@ -9,8 +9,8 @@ import numpy as np
 
 from msgs_py import Pose
 
+from ...search.settings import SAME_POSE
 from .part import PlannedPart
-from .settings import WRONG_SHARE, WRONG_TURN_DEG
 
 
 @dataclass(frozen=True)
@@ -39,13 +39,14 @@ def off_by(part: PlannedPart, true: Pose, found: Pose) -> Off:
 def judged(part: PlannedPart, true: Sequence[Pose], found: Sequence[Pose]) -> tuple[list[Off | None], int]:
     """The error of the best answer about each part in a picture, None where there is none; and how many are wrong.
 
-    An answer is about a part when it is off by less than a tenth of its size, and turned by less than a wrong pose is.
+    An answer is about a part when it moves the ends of it by less than poses that a search takes for one.
     """
     taken: list[Off | None] = [None] * len(true)
-    wrong = 0
+    wrong, radius = 0, part.ball[1]
+    most = SAME_POSE * 2.0 * radius
     for pose in found:
         offs = [off_by(part, one, pose) for one in true]
-        near = [k for k, off in enumerate(offs) if off.within(WRONG_SHARE * 2.0 * part.ball[1], WRONG_TURN_DEG)]
+        near = [k for k, off in enumerate(offs) if np.hypot(off.position, np.radians(off.rotation) * radius) < most]
         free = [k for k in near if taken[k] is None]
         if free:
             best = min(free, key=lambda k: offs[k].position)

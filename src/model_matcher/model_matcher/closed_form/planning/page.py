@@ -19,7 +19,7 @@ from ...drawing import GREEN, canvas, draw_features
 from ...viewing.page import NoPlotly, json_text, plotly_script
 from ..report import STYLE
 from .plan import Aims, Findings
-from .settings import MAP_RADIUS, MOST_FAILING, PICTURES
+from .settings import MAP_RADIUS, PICTURES
 from .task import TRIAL, shot
 
 STATES = {'yes': 'good', 'no': 'bad', 'open': 'open'}
@@ -153,7 +153,7 @@ def _failing(findings: Findings) -> str:
     if not failing:
         return '<p class="good">None, neither by prediction nor in the pictures that were tried.</p>'
     rows = []
-    for one in failing[:MOST_FAILING]:
+    for one in failing:
         view = findings.views[one['view']]
         tried = (
             f'{one["missed"]} missed, {one["outside"]} outside, of {one["trials"]}' if one['trials'] else 'not tried'
@@ -169,9 +169,8 @@ def _failing(findings: Findings) -> str:
                 one['report'],
             ]
         )
-    more = f'<p>And {len(failing) - MOST_FAILING} more.</p>' if len(failing) > MOST_FAILING else ''
     head = ['view', 'seen from', 'distance', 'pictures', 'expected, 95 %', 'why', 'what the search says']
-    return _table(head, rows, words=True) + more
+    return _table(head, rows, words=True)
 
 
 def _pictures(findings: Findings) -> str:

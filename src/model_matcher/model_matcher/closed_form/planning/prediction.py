@@ -17,14 +17,14 @@ import numpy as np
 from msgs_py import Pose
 from msgs_py.numeric.typed import FloatArray, Int32Array
 
+from ...geometry.settings import NOT_ZERO
 from ...image_pose.alignment import Placed
 from ...image_pose.neighbours import neighbours
-from ...image_pose.settings import NOT_ZERO
 from ...image_pose.sight import NO_SIGHT, Sight, look
 from ...image_pose.views import Views
 from .part import PlannedPart
 from .rig import PlannedRig
-from .settings import DRAWN_CONTOUR_PX, DRAWN_LINE_PX, DRAWN_POINT_PX, DRAWN_VIEW_PX, FREE, PIECE_TURN, SAMPLES, WORST
+from .settings import DRAWN_CONTOUR_PX, DRAWN_LINE_PX, DRAWN_VIEW_PX, PIECE_TURN, SAMPLES, WORST
 from .steps import Profiles, flanking_levels, place_variances, sensor_blur
 
 
@@ -88,7 +88,7 @@ def predict(part: PlannedPart, pose: Pose, rig: PlannedRig, pictures: list[Float
         return _nothing(pose, part)
     contrast, variance, number = _steps(sight, pictures, rig)
     pieces = _in_pieces(sight.placed)
-    weight = np.where(number > 0, 1.0 / (variance + rig.outline_px**2 + DRAWN_POINT_PX**2), 0.0)
+    weight = np.where(number > 0, 1.0 / (variance + rig.outline_px**2 + DRAWN_VIEW_PX**2), 0.0)
     normal = _information(pieces, weight, rig)
     # Turns about the outline's middle become turns about the part's.
     lever = pose.rotate((part.ball[0] - shape.centre)[None])[0]
@@ -182,7 +182,7 @@ def _inverse(normal: FloatArray, part: PlannedPart, pose: Pose) -> FloatArray:
     units = np.array([1.0 / radius] * 3 + [1.0] * 3)
     scaled = normal * np.outer(units, units)
     # What nothing tells is known to half a turn, or to the part's own size.
-    scaled += FREE / radius**2 * np.eye(6)
+    scaled += np.eye(6) / radius**2
     covariance = np.linalg.inv(scaled)
     if part.axis is not None:
         turn = pose.rotate(part.axis.direction[None])[0]

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from .settings import INTERVAL
+from scipy.stats import binomtest
 
 
 @dataclass(frozen=True)
@@ -37,10 +35,8 @@ class Rate:
         """
         if not self.count:
             return 0.0, 1.0
-        z2 = INTERVAL**2
-        middle = (self.hits + 0.5 * z2) / (self.count + z2)
-        half = INTERVAL * np.sqrt(self.hits * (1.0 - self.share) + 0.25 * z2) / (self.count + z2)
-        return max(float(middle - half), 0.0), min(float(middle + half), 1.0)
+        low, high = binomtest(self.hits, self.count).proportion_ci(method='wilson')
+        return float(low), float(high)
 
     @property
     def record(self) -> dict[str, float | int]:

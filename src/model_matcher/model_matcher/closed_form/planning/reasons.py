@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...image_pose.settings import FEWEST_POINTS
+from ...image_pose.settings import FEWEST_POINTS, LEAST_RUN
 from .part import PlannedPart
 from .prediction import Prediction
-from .settings import ALONG_ROWS, CLEARLY_WORST, FEWEST_CURVES, MOSTLY, SEEN_CURVE_PX
+from .settings import CLEARLY_WORST, FEWEST_CURVES
 
 
 def visible_curves(prediction: Prediction) -> int:
-    """How many creases and contours of the part the first camera sees well enough to recover them."""
-    sight = prediction.sight
-    first = (sight.placed.eye == 0) & (prediction.weight > 0.0)
-    lengths = np.bincount(sight.placed.group[first], weights=sight.spacing[first])
-    return int((lengths >= SEEN_CURVE_PX).sum())
+    """How many creases and contours of the part the first camera sees at more points than chance would show."""
+    placed = prediction.sight.placed
+    counts = np.bincount(placed.group[(placed.eye == 0) & (prediction.weight > 0.0)])
+    return int((counts >= LEAST_RUN).sum())
 
 
 def weakness(prediction: Prediction, part: PlannedPart) -> str:
@@ -75,9 +74,10 @@ def reason(prediction: Prediction, part: PlannedPart) -> str:
         return f'symmetric from here: nothing that is seen tells {worst}'
     if worst == 'the depth':
         information = prediction.weight * sight.spacing
-        flat = np.abs(sight.placed.normal[:, 0]) < ALONG_ROWS
-        if information[good & flat].sum() > MOSTLY * information[good].sum():
+        # The disparity of an edge is known worse than an upright one's by the cosine of its normal to the rows.
+        flat = CLEARLY_WORST * np.abs(sight.placed.normal[:, 0]) < 1.0
+        if information[good & flat].sum() > information[good & ~flat].sum():
             return 'along the rows: its edges run along the baseline, and tell no depth'
-    if good.sum() < MOSTLY * len(sight):
+    if good.sum() < (~good).sum():
         return f'half of its outline is crowded or without contrast; {worst} is known worst'
     return f'{worst} is known worst'

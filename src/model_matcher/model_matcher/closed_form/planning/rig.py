@@ -15,8 +15,8 @@ from msgs_py import CameraRig, PinholeCamera, Pose, StereoRig
 from msgs_py.files import read_text
 from msgs_py.numeric.typed import FloatArray
 
+from ...geometry.settings import UNIFORM_VARIANCE
 from ...image_pose.settings import WALKS
-from .settings import ROUNDING_VARIANCE
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Sensor:
         >>> Sensor(noise=3.0, gain=0.16).pixel_noise(np.array([0.0, 100.0])).round(1).tolist()
         [3.0, 5.0]
         """
-        return np.asarray(np.sqrt(self.noise**2 + self.gain * np.maximum(level, 0.0) + ROUNDING_VARIANCE))
+        return np.asarray(np.sqrt(self.noise**2 + self.gain * np.maximum(level, 0.0) + UNIFORM_VARIANCE))
 
     def model(self, seed: Sequence[int]) -> SensorModel:
         """The same for rendered pictures."""

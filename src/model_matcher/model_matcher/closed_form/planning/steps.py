@@ -15,10 +15,12 @@ import cv2
 import numpy as np
 from scipy.special import ndtr
 
+from msgs_py.numeric.settings import BOUND_SIGMA
 from msgs_py.numeric.typed import AnyArray, FloatArray, Int32Array
 
-from ...image_pose.settings import CONTRAST, FLANK, OFF_PREDICTED, SIGNIFICANT, WALKS
-from .settings import BESIDE, BOX_VARIANCE, LEAST_CONTRAST
+from ...geometry.settings import UNIFORM_VARIANCE
+from ...image_pose.settings import CONTRAST, FLANK, ON_EDGE, WALKS
+from .settings import BESIDE
 
 
 class Profiles(NamedTuple):
@@ -63,10 +65,10 @@ def sensor_blur(psf: float) -> float:
     (0.2887, 1.0408)
     """
     if psf <= 0.0:
-        return float(np.sqrt(BOX_VARIANCE))
+        return float(np.sqrt(UNIFORM_VARIANCE))
     size = round(8.0 * psf + 1.0) | 1  # as OpenCV chooses it for floats
     kernel = cv2.getGaussianKernel(size, psf).ravel()
-    return float(np.sqrt(kernel @ np.square(np.arange(size) - size // 2) + BOX_VARIANCE))
+    return float(np.sqrt(kernel @ np.square(np.arange(size) - size // 2) + UNIFORM_VARIANCE))
 
 
 def edge_information(contrast: FloatArray | float, blur: float, noise: FloatArray | float) -> FloatArray:
@@ -131,7 +133,7 @@ def place_variances(
     [0.76]
     """
     n, reach = len(contrast), np.arange(-FLANK, FLANK + 1.0)
-    height = np.maximum(np.abs(contrast), LEAST_CONTRAST)[:, None]
+    height = np.abs(contrast)[:, None]
     columns, believed = [], []
     for offset in (np.zeros(n), *profiles.beside.T):
         # A quarter of a pixel beside the middle of one, which tells as much as all places do on average.
@@ -139,7 +141,7 @@ def place_variances(
         there = np.isfinite(offset)[:, None]
         columns += [np.where(there, -height * np.exp(-0.5 * t * t) / (np.sqrt(2.0 * np.pi) * blur), 0.0)]
         columns += [np.where(there, ndtr(t), 0.0)]
-        believed += [OFF_PREDICTED, CONTRAST]
+        believed += [ON_EDGE, CONTRAST]
     columns += [np.sqrt(np.maximum(profiles.limb[:, None] * reach, 0.0))]
     rows = np.diff(np.stack(columns, axis=2), axis=1)
     rows *= (np.abs(reach[:-1] + 0.5) < profiles.flank[:, None])[..., None]
@@ -150,7 +152,7 @@ def place_variances(
     inside = (rows != 0.0).any(axis=2)
     apart = np.where(inside[:, :, None] & inside[:, None], of_noise, 0.0)
     allowed = apart + np.eye(size) * np.where(inside, walk**2, 1.0)[:, :, None]
-    good = (profiles.flank > 0) & (np.abs(contrast) > SIGNIFICANT * np.sqrt(pixel))
+    good = (profiles.flank > 0) & (np.abs(contrast) > BOUND_SIGMA * np.sqrt(pixel))
     out = np.full(n, np.inf)
     if good.any():
         rows, apart = rows[good], apart[good]

@@ -31,7 +31,6 @@ from .part import PlannedPart, load_part
 from .prediction import predict
 from .reasons import reason, visible_curves
 from .rig import PlannedRig
-from .settings import STRANGERS
 from .volume import Volume
 from .what_if import variants
 
@@ -172,7 +171,7 @@ def shot(task: Task, kind: str, number: int) -> Shot:
     middle, radius = part.ball
     # Without the part something else stands about where it would.
     kept = [(pose.apply(middle), radius) for pose in poses] or [(first.apply(middle), 1e-3 * radius)]
-    count = task.volume.clutter if poses else max(task.volume.clutter, STRANGERS)
+    count = task.volume.clutter + (0 if poses else task.volume.at_once)
     clutter = clutter_about(rng, kept, camera, count, 2.0 * radius)
     pictures = part.pictures(poses, task.rig, task.antialias, clutter)
     images = [

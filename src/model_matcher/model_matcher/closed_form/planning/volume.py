@@ -11,7 +11,7 @@ from msgs_py.numeric.typed import FloatArray
 from msgs_py.numeric.vectors import perpendicular
 
 from .rig import PlannedRig
-from .settings import GOLDEN, PLACINGS, SPREAD
+from .settings import PLACINGS
 
 
 @dataclass(frozen=True)
@@ -83,9 +83,10 @@ class Volume:
             left_T_part.
         """
         numbers = np.arange(count)
-        share = (numbers[:, None] * np.array(SPREAD) + 0.5) % 1.0
+        steps, (golden,) = spread(3), spread(1)
+        share = (numbers[:, None] * steps + 0.5) % 1.0
         return [
-            self._pose(direction, share[k], (numbers[k] * GOLDEN * SPREAD[0]) % 1.0, rig, ball)
+            self._pose(direction, share[k], (numbers[k] * golden * steps[0]) % 1.0, rig, ball)
             for k, direction in enumerate(self.directions(count))
         ]
 
@@ -94,7 +95,7 @@ class Volume:
         k = np.arange(count) + 0.5
         low, high = np.cos(np.radians(self.tilt[1])), np.cos(np.radians(self.tilt[0]))
         height = high - (high - low) * k / count
-        ring, angle = np.sqrt(np.maximum(1.0 - height**2, 0.0)), 2.0 * np.pi * GOLDEN * k
+        ring, angle = np.sqrt(np.maximum(1.0 - height**2, 0.0)), 2.0 * np.pi * spread(1) * k
         z = np.array(self.up) / np.linalg.norm(self.up)
         x = perpendicular(z)
         y = np.cross(z, x)
@@ -145,6 +146,20 @@ class Volume:
         axis = lean * (np.arctan2(sine, ray[2]) / sine) if sine > 0.0 else lean
         rotation = Pose.from_rotation_vector(axis).rotation @ about @ facing
         return Pose(rotation, place - rotation @ middle)
+
+
+def spread(dimensions: int) -> FloatArray:
+    """Steps whose multiples, less their whole parts, cover a cube most evenly; of a line, the golden section.
+
+    They are the powers of one over the root of x^(d + 1) = x + 1 in d dimensions (Roberts 2018).
+
+    Examples
+    --------
+    >>> spread(1).round(4).tolist(), spread(3).round(4).tolist()
+    ([0.618], [0.8192, 0.671, 0.5497])
+    """
+    root = np.roots([1.0, *np.zeros(dimensions - 1), -1.0, -1.0]).real.max()
+    return np.asarray(root ** -np.arange(1.0, dimensions + 1.0))
 
 
 def _room(rig: PlannedRig, depth: float, radius: float) -> tuple[FloatArray, FloatArray]:

@@ -8,28 +8,26 @@ import numpy as np
 
 from .rig import PlannedRig
 
-BASELINES = (0.5, 0.7, 1.4, 2.0)
-FOCALS = (0.7, 1.4, 2.0)
-CALIBRATIONS_PX = (0.1, 0.3)
-OUTLINES_PX = (0.1,)
+# Of the baseline, and of the focal length: half steps of doubling to either side.
+FACTORS = (0.5, 0.7, 1.4, 2.0)
+# Pixels, of the cameras and of the part's edges.
+OFF_PX = (0.1, 0.3)
 
 
 def variants(rig: PlannedRig) -> dict[str, PlannedRig]:
     """Cameras that differ from a rig in one thing each, by what a table calls them."""
-    found = {f'baseline {_mm(factor * rig.pair.baseline)}': rig.with_baseline(factor) for factor in BASELINES}
-    found |= {f'focal length {factor * rig.pair.left.fx:.4g} pixels': rig.with_focal(factor) for factor in FOCALS}
+    found = {f'baseline {_mm(factor * rig.pair.baseline)}': rig.with_baseline(factor) for factor in FACTORS}
+    found |= {f'focal length {factor * rig.pair.left.fx:.4g} pixels': rig.with_focal(factor) for factor in FACTORS}
     if rig.third is None:
         found['a third camera, a baseline below the middle'] = rig.with_third()
     found['half the noise'] = replace(rig, sensor=rig.sensor.with_noise(0.5))
     found |= {
         f'cameras off by {px:g} pixels after calibration': replace(rig, calibration_px=px)
-        for px in CALIBRATIONS_PX
+        for px in OFF_PX
         if px > rig.calibration_px
     }
     found |= {
-        f'edges of the part off by {px:g} pixels': replace(rig, outline_px=px)
-        for px in OUTLINES_PX
-        if px > rig.outline_px
+        f'edges of the part off by {px:g} pixels': replace(rig, outline_px=px) for px in OFF_PX if px > rig.outline_px
     }
     return found
 

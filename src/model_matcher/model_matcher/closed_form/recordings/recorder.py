@@ -16,16 +16,13 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 
 from msgs_py.node_runtime.runtime import spin_once
 
+from ...settings import MESSAGES_KEPT, WAIT_S
 from .mcap_file import McapFile
 
 # What is taken in and worth keeping; all else that the nodes hear is what they say to each other.
 INPUTS = ('sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage', 'sensor_msgs/msg/CameraInfo')
 # What every node says, and pictures of results, which nobody would make if they were not recorded.
 LEFT_OUT = ('/rosout', '/parameter_events', '/diagnostics', '/transition_event', '/debug_image', '/markers')
-# Time between two looks for topics that are new, seconds.
-LOOK_S = 0.2
-# Messages that may wait: a file system may hold up a writer for a moment.
-INPUT_DEPTH, RESULT_DEPTH = 10, 100
 # Turns of the executor in which nothing comes, at the end: one may be the timer's.
 IDLE_TURNS = 2
 
@@ -51,14 +48,14 @@ class Recorder(Node):
         self._known: set[str] = set()
         self._taken = 0
         self._look()
-        self.create_timer(LOOK_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(WAIT_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def finish(self, executor: Executor) -> None:
         """Write what has been sent and not been taken yet, and end the file; spun by nobody any more."""
         idle = 0
         while idle < IDLE_TURNS and self.context.ok():
             before = self._taken
-            spin_once(self, executor, LOOK_S)
+            spin_once(self, executor, WAIT_S)
             idle = 0 if self._taken > before else idle + 1
         self.file.close()
 
@@ -68,10 +65,10 @@ class Recorder(Node):
             asked = node.get_name(), node.get_namespace()
             for topic, kinds in self._topics(self.get_publisher_names_and_types_by_node, *asked):
                 if not topic.endswith(LEFT_OUT):
-                    self._listen(topic, kinds[0], RESULT_DEPTH)
+                    self._listen(topic, kinds[0], True)
             for topic, kinds in self._topics(self.get_subscriber_names_and_types_by_node, *asked):
                 if kinds[0] in INPUTS:
-                    self._listen(topic, kinds[0], INPUT_DEPTH)
+                    self._listen(topic, kinds[0], False)
 
     @staticmethod
     def _topics(ask: Callable[..., list[tuple[str, list[str]]]], name: str, namespace: str) -> Any:
@@ -80,7 +77,7 @@ class Recorder(Node):
         except Exception:  # rclpy has several types for a node that is not known yet, or no more
             return ()
 
-    def _listen(self, topic: str, kind: str, depth: int) -> None:
+    def _listen(self, topic: str, kind: str, is_result: bool) -> None:
         if topic in self._known:
             return
         self._known.add(topic)
@@ -89,8 +86,9 @@ class Recorder(Node):
             return
         package, _, name = kind.split('/')
         message_type = getattr(import_module(f'{package}.msg'), name)
-        quality = QoSProfile(depth=depth, reliability=QoSReliabilityPolicy.BEST_EFFORT)
-        if depth == RESULT_DEPTH:
+        # Some may wait: a file system may hold up a writer for a moment.
+        quality = QoSProfile(depth=MESSAGES_KEPT, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+        if is_result:
             quality.reliability = QoSReliabilityPolicy.RELIABLE
             publishers = self.get_publishers_info_by_topic(topic)
             if publishers and all(

@@ -26,8 +26,9 @@ from stereo_recovery.node import RecoveryNode
 
 from ...model.library import safe_name
 from ...node import MatcherNode
+from ...settings import WAIT_S
 from ..case import Case
-from ..settings import SPIN_S, TIMEOUT_S
+from ..settings import TIMEOUT_S
 from .sequence import Sequence, SequenceFrame
 
 FRAME_ID = 'camera_left_optical_frame'
@@ -149,4 +150,4 @@ class _Player:
                     for node in self.nodes
                 )
                 raise ValueError(f'{self.case.scene}: waited {TIMEOUT_S:g} s for {what}; {problems}')
-            self.executor.spin_once(timeout_sec=SPIN_S)
+            self.executor.spin_once(timeout_sec=WAIT_S)

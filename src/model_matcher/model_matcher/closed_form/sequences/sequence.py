@@ -27,7 +27,7 @@ from stereo_recovery.recover_cli import camera_record
 from ..case import Case
 from ..placement import case_lights, case_pose, case_rig, load_case_scene, model_centre
 from ..scene_files import clutter_of, copy_scene
-from ..settings import SUBFRAME_PX, SUBFRAMES
+from ..settings import SUBFRAMES
 from .motion import Course, Foreground, Motion, bars_at
 
 TRUTH_COLUMNS = ('frame', 'stamp_s', 'x_m', 'y_m', 'z_m', 'qx', 'qy', 'qz', 'qw', 'visible_share')
@@ -207,7 +207,7 @@ class _Stage:
         moved = np.linalg.norm(
             self.rig.left.project(begin.apply(around)) - self.rig.left.project(end.apply(around)), axis=1
         )
-        count = int(np.clip(np.ceil(moved.max() / SUBFRAME_PX), 1, SUBFRAMES)) if open_s > 0.0 else 1
+        count = int(np.clip(np.ceil(moved.max()), 1, SUBFRAMES)) if open_s > 0.0 else 1
         return np.asarray(stamp + open_s * ((np.arange(count) + 0.5) / count - 0.5))
 
     def visible_share(self, time: float) -> float:
