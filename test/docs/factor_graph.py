@@ -8,6 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from stereo_recovery.estimation import settings
+from stereo_recovery.matching.settings import SEEN_AS_ONE
 
 INK, PALE = '#333333', '#c8ccd0'
 JUNCTION, ROUNDED, END = '#2471a3', '#8e44ad', '#e67e22'
@@ -123,7 +124,7 @@ def mixture(axes) -> None:
     residual = np.linspace(0.0, 6.0, 1200)
     for prior, name, colour in (
         (settings.JUNCTION_PRIOR, 'met in both images', JUNCTION),
-        (settings.SEEN_ONCE_PRIOR, 'loose in the other', END),
+        (SEEN_AS_ONE, 'loose in the other', END),
         (settings.T_PRIOR, 'one goes on beyond', GROUPS[1]),
     ):
         for predicted, style in ((0.05, '-'), (0.3, '--'), (1.0, ':')):

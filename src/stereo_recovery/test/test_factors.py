@@ -13,8 +13,9 @@ from stereo_recovery.estimation.factors import (
     junction_factors,
     rounded_corner_factors,
 )
-from stereo_recovery.estimation.settings import JUNCTION_PRIOR, OTHER_CORNER_PRIOR, SEEN_ONCE_PRIOR, T_PRIOR
+from stereo_recovery.estimation.settings import DOUBTFUL_PRIOR, JUNCTION_PRIOR, T_PRIOR
 from stereo_recovery.matching.matches import Matches
+from stereo_recovery.matching.settings import SEEN_AS_ONE
 from stereo_recovery.matching.stereo_segments import StereoSegments
 
 
@@ -54,11 +55,11 @@ def test_how_likely_a_junction_is_one_follows_from_what_the_other_image_shows_th
     across, down = (CORNER, (180.0, 104.0, 44.0)), (CORNER, (95.0, 170.0, 43.0))
     far = ((95.0, 130.0, 41.0), (91.0, 190.0, 44.0))
     pair, x = seen([across, down], [across, far])
-    assert junction_factors(pair, x).prior.tolist() == [SEEN_ONCE_PRIOR]
+    assert junction_factors(pair, x).prior.tolist() == [SEEN_AS_ONE]
     # In the right image the first edge ends at another one.
     third = ((60.0, 80.0, 0.0), (62.0, 130.0, 0.0))
     pair, x = seen([across, down, ((300.0, 80.0, 240.0), (302.0, 130.0, 240.0))], [across, far, third])
-    assert OTHER_CORNER_PRIOR in junction_factors(pair, x).prior or T_PRIOR in junction_factors(pair, x).prior
+    assert DOUBTFUL_PRIOR in junction_factors(pair, x).prior or T_PRIOR in junction_factors(pair, x).prior
     # The other one goes on: it may hide the first.
     through = ((100.0, 60.0, 40.0), (100.0, 140.0, 40.0))
     pair, x = seen([across, through])

@@ -6,9 +6,11 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
+from msgs_py.settings import BOUND_SIGMA
 
 from ..detection.buckets import bucketed, near
-from .settings import BEFORE, BESIDE, BEYOND, CORNER_GATE, CORNER_MISS, END_SHARE
+from ..estimation.settings import END_SHARE, SAME_PLACE
+from .settings import BEFORE, BEYOND
 
 
 @njit
@@ -26,7 +28,7 @@ def meetings(
     value = np.zeros((n, 2, 3))
     if m == 0:
         return found, value
-    buckets = bucketed(point, max(BEYOND + BESIDE, 2.0 * BESIDE))
+    buckets = bucketed(point, max(BEYOND + SAME_PLACE, 2.0 * SAME_PLACE))
     for k in range(n):
         cu, cv, tu, tv = table[k, 0], table[k, 1], table[k, 2], table[k, 3]
         length = table[k, 5] - table[k, 4]
@@ -38,10 +40,10 @@ def meetings(
             first, least = -1, 1e30
             for q in near(buckets, u, v):
                 du, dv = point[q, 0] - u, point[q, 1] - v
-                if abs(du) > far + BESIDE or abs(dv) > far + BESIDE or own[q] == k:
+                if abs(du) > far + SAME_PLACE or abs(dv) > far + SAME_PLACE or own[q] == k:
                     continue
                 beyond = (du * tu + dv * tv) * outward
-                if beyond < far and beyond > -before and abs(dv * tu - du * tv) < BESIDE and abs(beyond) < least:
+                if beyond < far and beyond > -before and abs(dv * tu - du * tv) < SAME_PLACE and abs(beyond) < least:
                     first, least = q, abs(beyond)
             if first < 0:
                 continue
@@ -56,7 +58,7 @@ def meetings(
             mean /= weight
             agreed = True
             for q in close:
-                if _told(point, own, first, q, k) and abs(disparity[q] - mean) > CORNER_MISS + CORNER_GATE * sigma[q]:
+                if _told(point, own, first, q, k) and abs(disparity[q] - mean) > SAME_PLACE + BOUND_SIGMA * sigma[q]:
                     agreed = False
             found[k, end] = agreed
             value[k, end, 0], value[k, end, 1], value[k, end, 2] = place / weight, mean, weight**-0.5
@@ -67,5 +69,5 @@ def meetings(
 def _told(point: FloatArray, own: IntArray, first: int, q: int, k: int) -> bool:
     """Whether corner q is corner first, and not known from segment k."""
     du, dv = point[q, 0] - point[first, 0], point[q, 1] - point[first, 1]
-    same: bool = abs(du) < 2.0 * BESIDE and abs(dv) < 2.0 * BESIDE and own[q] != k
+    same: bool = abs(du) < 2.0 * SAME_PLACE and abs(dv) < 2.0 * SAME_PLACE and own[q] != k
     return same

@@ -8,9 +8,9 @@ import numpy as np
 
 from msgs_py.numeric.typed import BoolArray, FloatArray
 
-from ..estimation.settings import LOOSE_END_SIGMA, STEEP
+from ..estimation.settings import END_SHARE, LOOSE_END_SIGMA, SAME_PLACE, STEEP
 from ..matching.stereo_segments import StereoSegments
-from .settings import LOST, LOST_SHARE, ONE_CORNER
+from .settings import LOST
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ def extents(seen: StereoSegments, x: FloatArray) -> Extents:
     hidden = own.t_junction | other.t_junction
     inner = np.stack([np.maximum(mine[:, 0], its[:, 0]), np.minimum(mine[:, 1], its[:, 1])], axis=1)
     # Two corners that agree are one corner; the left image's is where its line is known.
-    same = corner & (np.abs(its - mine) < ONE_CORNER) & ~hidden
+    same = corner & (np.abs(its - mine) < SAME_PLACE) & ~hidden
     abscissa = np.where(same, mine, inner)
     cut = ~same & (inner != mine)
     told, sigma = np.where(cut, its_corner, corner), np.where(cut, other.sigma, own.sigma)
@@ -69,7 +69,7 @@ def extents(seen: StereoSegments, x: FloatArray) -> Extents:
     span = np.maximum(inner[:, 1] - inner[:, 0], 1.0)[:, None]
     lost_right = cut & corner & ~own.t_junction & ~its_corner
     lost_left = ~corner & (inner == mine) & its_corner & ~other.t_junction
-    lost = (lost_right | lost_left) & (np.abs(its - mine) < np.maximum(LOST, LOST_SHARE * span))
+    lost = (lost_right | lost_left) & (np.abs(its - mine) < np.maximum(LOST, END_SHARE * span))
     abscissa = np.where(lost, np.where(lost_right, mine, its), abscissa)
     sigma = np.where(lost, np.where(lost_right, own.sigma, other.sigma), sigma)
     return Extents(abscissa, sigma, same & its_corner)

@@ -13,8 +13,9 @@ import numpy as np
 from msgs_py import StereoRig
 from msgs_py.numeric.typed import AnyArray, Float32Array, FloatArray, IntArray
 
+from ..matching.settings import PARTS_GAP
 from . import joining_kernels
-from .settings import JOINED_REACH, JOINED_SHARE, JOINED_SIGMA
+from .settings import JOINED_REACH, JOINED_SIGMA
 
 
 class _Shown(NamedTuple):
@@ -88,7 +89,7 @@ def _candidates(pixel: FloatArray) -> IntArray:
     gap = pixel[f, 0] - pixel[e, 1]
     along = (gap * run[e]).sum(axis=1) / length[e]
     near = (e != f) & (np.hypot(gap[:, 0], gap[:, 1]) < JOINED_REACH)
-    near &= along < JOINED_SHARE * (length[e] + length[f])
+    near &= along < PARTS_GAP * (length[e] + length[f])
     near &= (run[e] * run[f]).sum(axis=1) > 0.9 * length[e] * length[f]
     # The second goes on beyond the first.
     near &= ((pixel[f, 1] - pixel[e, 1]) * run[e]).sum(axis=1) > 0.5 * length[f] * length[e]

@@ -6,9 +6,10 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray, IntArray
+from msgs_py.settings import BOUND_SIGMA
 
-from ..estimation.settings import GATE
-from .settings import GAP_OFFSET, GAP_SHARE, JOINED_MISS, SMALL_GAP
+from ..matching.settings import AT_GAP, PARTS_MISS
+from .settings import GAP_OFFSET, GAP_SHARE
 
 
 @njit
@@ -47,7 +48,7 @@ def go_on(grey: Float32Array, pixel: FloatArray, pairs: IntArray) -> BoolArray:
     for k in range(len(pairs)):
         e, f = pairs[k]
         (u, v), (x, y) = pixel[f, 0] - pixel[e, 1], pixel[e, 1] - pixel[e, 0]
-        if np.hypot(u, v) < SMALL_GAP or u * x + v * y < 0.0:
+        if np.hypot(u, v) < AT_GAP or u * x + v * y < 0.0:
             result[k] = True
             continue
         weaker = own[e] if abs(own[e]) < abs(own[f]) else own[f]
@@ -109,7 +110,7 @@ def _one_line(pixel: FloatArray, disparity: FloatArray, sigma: FloatArray, membe
             m = members[k]
             for e in range(2):
                 u, v = (pixel[m, e, 0] if left else pixel[m, e, 0] - disparity[m, e]) - mu, pixel[m, e, 1] - mv
-                if abs(v * tu - u * tv) > JOINED_MISS:
+                if abs(v * tu - u * tv) > PARTS_MISS:
                     return False
                 along[k, e] = u * tu + v * tv
     n, ns, nss, d, ds = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -122,6 +123,6 @@ def _one_line(pixel: FloatArray, disparity: FloatArray, sigma: FloatArray, membe
     a, b = (nss * d - ns * ds) / determinant, (n * ds - ns * d) / determinant
     for k in range(len(members)):
         for e in range(2):
-            if abs(disparity[members[k], e] - a - b * along[k, e]) > GATE * sigma[members[k], e]:
+            if abs(disparity[members[k], e] - a - b * along[k, e]) > BOUND_SIGMA * sigma[members[k], e]:
                 return False
     return True

@@ -15,11 +15,11 @@ from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, IntArray
 from ..detection.junctions import Junctions
 from ..detection.segments import Segments, line_table
 from ..estimation.estimate import Estimate
-from ..estimation.settings import CORNER_SIGMA, OPEN_SIGMA
+from ..estimation.settings import CORNER_SIGMA, LOOSE_END_SIGMA, OPEN_SIGMA, SAME_PLACE
 from ..matching.stereo_segments import StereoSegments
 from . import corner_kernels
 from .extents import Extents
-from .settings import BESIDE, INSIDE, ROUNDED, SHORTEST
+from .settings import ROUNDED, SHORTEST
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +168,7 @@ def _is_met(segments: Segments, junctions: Junctions, k: int, place: FloatArray)
     other, end = np.nonzero(junctions.neighbour == k)
     point = segments.centre[other] + junctions.abscissa[other, end, None] * segments.direction[other]
     at = (point - segments.centre[k]) @ segments.direction[k]
-    return bool(((at > place[0] + INSIDE) & (at < place[1] - INSIDE)).any())
+    return bool(((at > place[0] + LOOSE_END_SIGMA) & (at < place[1] - LOOSE_END_SIGMA)).any())
 
 
 def _moved(row: dict[str, AnyArray], ends: FloatArray) -> dict[str, AnyArray]:
@@ -194,5 +194,5 @@ def _is_taken(points: FloatArray, others: FloatArray) -> bool:
         along = (away * run[:, None]).sum(axis=2) / length
         off = np.abs(away[..., 1] * run[:, None, 0] - away[..., 0] * run[:, None, 1])
         common = np.minimum(1.0, along.max(axis=1)) - np.maximum(0.0, along.min(axis=1))
-        same |= (off.max(axis=1) < 2.0 * BESIDE) & (common > 0.5 * np.ptp(along, axis=1))
+        same |= (off.max(axis=1) < 2.0 * SAME_PLACE) & (common > 0.5 * np.ptp(along, axis=1))
     return bool(same.any())

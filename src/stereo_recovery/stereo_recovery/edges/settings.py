@@ -14,24 +14,18 @@ MOST_ERR_PER = 0.4
 
 # -- where edges end ---------------------------------------------------------------------------------------------------
 
-# px: two corners that are no farther apart are one. [R]
-ONE_CORNER = 1.5
-# px, and share of what both images show: a chain that stops this far before a corner of the other image is lost, not
+# px: a chain that stops this far before a corner of the other image, or END_SHARE of what both show, is lost, not
 # hidden. [R]
-LOST, LOST_SHARE = 20.0, 0.5
+LOST = 20.0
 
 # -- edges between corners ---------------------------------------------------------------------------------------------
 
-# px: a segment runs into a corner that is this near to its line, and this far beyond or before its end; the latter also
-# as a share of its length. [R]
-BESIDE, BEYOND, BEFORE, END_SHARE = 1.5, 10.0, 5.0, 0.5
-# px, and sigma: edges of one corner differ by no more in disparity. [R]
-CORNER_MISS, CORNER_GATE = 1.2, 3.5
+# px: a segment runs into a corner on its line that is this far beyond or before its end. [R]
+BEYOND, BEFORE = 10.0, 5.0
 # px: what corners of straight segments miss each other by in an image. [R]
 ROUNDED = 0.25
-# px: the shortest segment that makes an edge between two corners, and how far inside its ends another one that runs
-# into it says that it is more than one edge. [R]
-SHORTEST, INSIDE = 8.0, 4.0
+# px: the shortest segment that makes an edge between two corners, or by its texture alone. [R]
+SHORTEST = 8.0
 
 # -- cameras beyond the main pair --------------------------------------------------------------------------------------
 
@@ -56,12 +50,9 @@ LEAST_LEFT_SHARE = 1e-3
 
 # -- parts of one edge -------------------------------------------------------------------------------------------------
 
-# px: by which parts of one edge miss the line through all of them in an image, and their disparities the line through
-# them. [R] folds of cards
-JOINED_MISS, JOINED_SIGMA = 1.0, 0.2
-# px, and share of both parts' lengths: the widest gap between them; and px below which it is none. [R]
-JOINED_REACH, JOINED_SHARE, SMALL_GAP = 60.0, 0.3, 4.0
+# px: by which the disparities of parts of one edge miss the line through them. [R] folds of cards
+JOINED_SIGMA = 0.2
+# px: the widest gap between them. [R]
+JOINED_REACH = 60.0
 # px from the line where grey levels are compared, and share of the parts' contrast that the gap between them has. [R]
 GAP_OFFSET, GAP_SHARE = 2.0, 0.4
-# px: the shortest segment that texture alone matches. [R]
-STRIP_SHORTEST = 12.0

@@ -12,7 +12,7 @@ from ..estimation.texture import AlignedStrips
 from ..matching.stereo_segments import StereoSegments
 from .all_views import with_stand_ins
 from .joining_kernels import contrast_across, same_contrast
-from .settings import STRIP_SHORTEST
+from .settings import SHORTEST
 
 
 def seen_by_texture(seen: StereoSegments, strips: AlignedStrips) -> StereoSegments:
@@ -27,7 +27,7 @@ def seen_by_texture(seen: StereoSegments, strips: AlignedStrips) -> StereoSegmen
         Of the left segments.
     """
     left = seen.segments[0]
-    free = (left.arc < 0) & (left.length >= STRIP_SHORTEST)
+    free = (left.arc < 0) & (left.length >= SHORTEST)
     free[seen.matches.left] = False
     index = np.flatnonzero(free)
     owner, value, covariance = strips.beside(index)

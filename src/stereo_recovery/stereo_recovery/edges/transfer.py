@@ -12,9 +12,9 @@ import numpy as np
 
 from msgs_py import StereoRig
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
+from msgs_py.settings import BOUND_SIGMA
 
 from ..detection.segments import Segments
-from ..estimation.settings import GATE
 from ..matching.stereo_segments import StereoSegments
 from .further_views import ViewLines
 from .settings import PREDICTION_SHARE, PREDICTION_SIGMA
@@ -43,7 +43,7 @@ def on_segments(ends: FloatArray, sigma: FloatArray, segments: Segments) -> Bool
         variance = (spread[:, None] * tv) ** 2 + su**2 + (along * sv) ** 2 + PREDICTION_SIGMA**2
         low, high = along.min(axis=0), along.max(axis=0)
         common = np.minimum(high, segments.extent[:, 1]) - np.maximum(low, segments.extent[:, 0])
-        near = (off**2 < GATE**2 * variance).all(axis=0)
+        near = (off**2 < BOUND_SIGMA**2 * variance).all(axis=0)
         result[k] = (near & (common > PREDICTION_SHARE * (high - low))).any()
     return result
 

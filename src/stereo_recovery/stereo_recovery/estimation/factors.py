@@ -19,19 +19,16 @@ import numpy as np
 from msgs_py.numeric.typed import AnyArray, FloatArray, IntArray
 
 from ..detection.segments import line_table
+from ..matching.settings import SEEN_AS_ONE
 from ..matching.stereo_segments import StereoSegments
 from .line_pair_kernels import collinear_pairs, rounded_corners
 from .settings import (
-    COLLINEAR_PRIOR,
     COLLINEAR_SIGMA,
     CORNER_SIGMA,
-    END_PRIOR,
+    DOUBTFUL_PRIOR,
     HEIGHT_SIGMA,
     JUNCTION_PRIOR,
     LOOSE_END_SIGMA,
-    OTHER_CORNER_PRIOR,
-    ROUNDED_PRIOR,
-    SEEN_ONCE_PRIOR,
     SPREAD,
     STEEP,
     T_PRIOR,
@@ -145,7 +142,7 @@ def junction_factors(seen: StereoSegments, x: FloatArray) -> Factors:
         told = np.concatenate([told, pair])
         e, end, f = e[fresh], end[fresh], f[fresh]
         other = seen.ends[1 - image].neighbour[e, end]
-        prior = np.where(others[e, end] == f, JUNCTION_PRIOR, np.where(other < 0, SEEN_ONCE_PRIOR, OTHER_CORNER_PRIOR))
+        prior = np.where(others[e, end] == f, JUNCTION_PRIOR, np.where(other < 0, SEEN_AS_ONE, DOUBTFUL_PRIOR))
         hidden = seen.ends[0].t_junction[e, end] | seen.ends[1].t_junction[e, end]
         point = seen.points[image][e, end]
         rows = _disparity_row(seen, e, image, point, x), _disparity_row(seen, f, image, point, x)
@@ -175,7 +172,7 @@ def end_factors(seen: StereoSegments) -> Factors:
     # Where both meet one edge the junction tells; where they meet different ones the corners may be two.
     told = (neighbours[0] == neighbours[1]) & (neighbours[0] >= 0)
     third = corner & (neighbours[0] != neighbours[1])
-    prior = np.where(third, OTHER_CORNER_PRIOR, END_PRIOR)
+    prior = np.where(third, DOUBTFUL_PRIOR, SEEN_AS_ONE)
     prior = np.where(mine.t_junction | other.t_junction, T_PRIOR, prior)
     # Two heights speak against one point; that they agree says little, since segments that match cover the same rows.
     off = (p - q)[..., 1] / height
@@ -207,7 +204,7 @@ def rounded_corner_factors(seen: StereoSegments) -> Factors:
     pair, point = rounded_corners(tables, seen.index, seen.flip, loose & (seen.straight & seen.paired)[:, None])
     e, f = pair.T
     rows = _left_row(seen, e, point), _left_row(seen, f, point)
-    return _one_disparity(rows, (e, f), CORNER_SIGMA, ROUNDED_PRIOR)
+    return _one_disparity(rows, (e, f), CORNER_SIGMA, DOUBTFUL_PRIOR)
 
 
 def collinear_factors(seen: StereoSegments) -> Factors:
@@ -224,4 +221,4 @@ def collinear_factors(seen: StereoSegments) -> Factors:
     e, f = np.repeat(pair, 2, axis=0).T
     place = point.reshape(-1, 2)
     rows = _left_row(seen, e, place), _left_row(seen, f, place)
-    return _one_disparity(rows, (e, f), COLLINEAR_SIGMA, COLLINEAR_PRIOR)
+    return _one_disparity(rows, (e, f), COLLINEAR_SIGMA, SEEN_AS_ONE)

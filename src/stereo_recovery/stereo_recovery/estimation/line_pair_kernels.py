@@ -8,15 +8,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 from ..detection.buckets import Buckets, bucketed, near
-from .settings import (
-    COLLINEAR_GAP,
-    COLLINEAR_MISS,
-    COLLINEAR_SINE,
-    ROUNDED_GAP,
-    ROUNDED_OVERRUN,
-    ROUNDED_SHARE,
-    ROUNDED_SINE,
-)
+from .settings import COLLINEAR_GAP, COLLINEAR_SINE, END_SHARE, LOOSE_END_SIGMA, ROUNDED_GAP, ROUNDED_SINE, SAME_PLACE
 
 # px: cells in which ends are looked for that continue a segment.
 CELL = 16.0
@@ -26,8 +18,8 @@ CELL = 16.0
 def _gap(first: float, last: float, at: float, end: int) -> float:
     """How far, pixels, a place is beyond an end (0 or 1) of what reaches from first to last; inf if too far."""
     beyond = first - at if end == 0 else at - last
-    most = min(ROUNDED_GAP, ROUNDED_SHARE * (last - first))
-    return beyond if -ROUNDED_OVERRUN < beyond < most else np.inf
+    most = min(ROUNDED_GAP, END_SHARE * (last - first))
+    return beyond if -LOOSE_END_SIGMA < beyond < most else np.inf
 
 
 @njit
@@ -62,7 +54,7 @@ def rounded_corners(
         return pair, point
     ends = _left_ends(tables[0], index[0])
     # Neither end is farther from the crossing than the gap.
-    buckets = bucketed(ends, 2.0 * max(ROUNDED_GAP, ROUNDED_OVERRUN))
+    buckets = bucketed(ends, 2.0 * max(ROUNDED_GAP, LOOSE_END_SIGMA))
     for e in range(n):
         for end in range(2):
             if not loose[e, end]:
@@ -116,7 +108,7 @@ def _continuing(row: FloatArray, buckets: Buckets) -> IntArray:
 
     row : (8,) of the left image, see :func:`.segments.line_table`; buckets : of all ends, see :func:`_left_ends`
     """
-    reach = COLLINEAR_GAP * (row[5] - row[4]) + COLLINEAR_MISS
+    reach = COLLINEAR_GAP * (row[5] - row[4]) + SAME_PLACE
     steps = int(reach / buckets.size) + 1
     found = np.empty(0, np.int64)
     for outward in (-1.0, 1.0):
@@ -158,11 +150,11 @@ def collinear_pairs(
                 s, r = _facing(a, b)
                 u, v = a[0] + s * a[2], a[1] + s * a[3]
                 p, q = b[0] + r * b[2], b[1] + r * b[3]
-                most = COLLINEAR_MISS
+                most = SAME_PLACE
                 along = (p - u) * a[2] + (q - v) * a[3]
                 gap = along if s == a[5] else -along
                 if image == 0:
-                    if gap < -COLLINEAR_MISS or gap > COLLINEAR_GAP * min(a[5] - a[4], b[5] - b[4]):
+                    if gap < -SAME_PLACE or gap > COLLINEAR_GAP * min(a[5] - a[4], b[5] - b[4]):
                         good = False
                         break
                     if count == size:

@@ -8,12 +8,12 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
+from msgs_py.settings import BOUND_SIGMA
 
 from .settings import (
     CLEAR,
     DIRECTION_SIGMA,
     FALSE_GROUPS,
-    GATE,
     GROUP_DOUBT,
     GROUP_SEEDS,
     LEAST_LEVER,
@@ -128,8 +128,8 @@ def grown(
             image += _form(spread, rows.image[i])
             depth += _form(spread, rows.depth[i])
             chance[i] = _chance(image, _run(rows, i, d)) * _chance(depth, abs(rows.disparity[i]))
-            fits[i] = _product(rows.image[i], d) ** 2 < GATE**2 * image
-            fits[i] &= _product(rows.depth[i], d) ** 2 < GATE**2 * depth
+            fits[i] = _product(rows.image[i], d) ** 2 < BOUND_SIGMA**2 * image
+            fits[i] &= _product(rows.depth[i], d) ** 2 < BOUND_SIGMA**2 * depth
             fits[i] &= chance[i] < CLEAR
             if fits[i]:
                 _add_squares(bare, i, d, total)
@@ -137,7 +137,7 @@ def grown(
             product = 0.0
             for r in range(3):
                 product += _product(axes[k, r], spread[:, r])
-            same[k] = _form(axes[k], d) < GATE**2 * (1.0 + product)
+            same[k] = _form(axes[k], d) < BOUND_SIGMA**2 * (1.0 + product)
             if same[k]:
                 total += axes[k]
     return d, total, chance, fits, same
@@ -219,7 +219,7 @@ def _run(rows: Rows, i: int, d: FloatArray) -> float:
 @njit
 def _chance(variance: float, scale: float) -> float:
     """Probability that a row of any edge would agree as well, where its products reach this scale."""
-    return float(min(2.0 / np.pi * GATE * np.sqrt(variance) / max(scale, 1e-6), 1.0))
+    return float(min(2.0 / np.pi * BOUND_SIGMA * np.sqrt(variance) / max(scale, 1e-6), 1.0))
 
 
 @njit
@@ -242,7 +242,7 @@ def told(
             d, spread = direction(total - own)
         lever = _lever(rows, i, d)
         image = _variances(rows, i, d)[0] + _form(spread, rows.image[i])
-        good[i] = _product(rows.image[i], d) ** 2 < GATE**2 * image
+        good[i] = _product(rows.image[i], d) ** 2 < BOUND_SIGMA**2 * image
         good[i] &= others[i] >= LEAST_MEMBERS - 1 and abs(lever) > LEAST_LEVER
         chance[i] = _chance(image, _run(rows, i, d))
         by[i, 0], by[i, 1] = d[2], lever if good[i] else 1.0
@@ -261,7 +261,7 @@ def without_repetition(edge: IntArray, off: FloatArray, sigma: FloatArray, order
     for k in order:
         m, fresh = last[edge[k]], True
         while m >= 0 and fresh:
-            fresh = abs(off[k] - off[m]) >= GATE * np.hypot(sigma[k], sigma[m])
+            fresh = abs(off[k] - off[m]) >= BOUND_SIGMA * np.hypot(sigma[k], sigma[m])
             m = before[m]
         if fresh:
             kept[k] = True

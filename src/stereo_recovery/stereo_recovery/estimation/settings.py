@@ -15,19 +15,19 @@ CORNER_SIGMA = 0.03
 MOST_CORNER_SIGMA = 1.0
 # px: where a chain stops without a corner, and by which heights of one corner in the two images differ. [P]
 LOOSE_END_SIGMA, HEIGHT_SIGMA = 4.0, 0.3
-# Probabilities that edges that meet in an image meet in space: the same two meet in the other image; there the end is
-# loose; there it meets a third; one of the two goes on beyond the crossing. [P]
-JUNCTION_PRIOR, SEEN_ONCE_PRIOR, OTHER_CORNER_PRIOR, T_PRIOR = 0.98, 0.75, 0.65, 0.4
-# Probability that the ends of a pair of segments are one point. [P]
-END_PRIOR = 0.8
-# Probability that two edges that continue each other are one, and px by which their disparities differ; px by which the
-# end of either misses the other's line, sine between them, and the widest gap as a share of the shorter. [R]
-COLLINEAR_PRIOR, COLLINEAR_SIGMA = 0.8, 0.1
-COLLINEAR_MISS, COLLINEAR_SINE, COLLINEAR_GAP = 1.5, 0.06, 1.0
-# Probability that lines meet that cross beyond their chains, at most so many px and this share of their lengths; by how
-# much, px, chains may overrun the crossing; and the least sine between the lines. [R]
-ROUNDED_PRIOR, ROUNDED_GAP, ROUNDED_SHARE = 0.6, 25.0, 0.5
-ROUNDED_OVERRUN, ROUNDED_SINE = 4.0, 0.15
+# Probabilities that edges that meet in an image meet in space: the same two meet in the other image; there it meets a
+# third, or both images show it beyond their chains alone; one of the two goes on beyond the crossing. [P] Where one
+# image alone shows it, and that the ends of a pair of segments are one point: SEEN_AS_ONE.
+JUNCTION_PRIOR, DOUBTFUL_PRIOR, T_PRIOR = 0.98, 0.6, 0.4
+# px: by which two segments show one point or one line of an image at different places, at most. [R]
+SAME_PLACE = 1.5
+# Edges that continue each other and are one: px by which their disparities differ, sine between them, and the widest
+# gap as a share of the shorter. [R]
+COLLINEAR_SIGMA, COLLINEAR_SINE, COLLINEAR_GAP = 0.1, 0.06, 1.0
+# Most of its length, as a share, by which an edge's chain may miss its end. [R]
+END_SHARE = 0.5
+# Lines cross beyond their chains at most so many px; and the least sine between them. [R]
+ROUNDED_GAP, ROUNDED_SINE = 25.0, 0.15
 # Sine of the slope above which lines know disparity better than their ends do. [R]
 STEEP = 0.3
 # px: range over which the disparity of an accident is even. [R]
@@ -35,8 +35,6 @@ SPREAD = 30.0
 
 # -- parallel groups ---------------------------------------------------------------------------------------------------
 
-# Residuals up to this many sigma count as noise. [D] three sigma
-GATE = 3.0
 # rad: how far edges of one direction miss it; and disparity a pixel, beyond that of their lines. [R]
 DIRECTION_SIGMA, SLOPE_SIGMA = 2e-3, 2e-4
 # An edge says what group it is of when the chance that it had any other direction is below this. [R]
@@ -86,28 +84,23 @@ SAME_EXTENT, LEAST_SHARE = 0.15, 0.01
 # px of a level of the image pyramid: nearest and farthest line of a strip beside an edge; most samples along it. [R]
 STRIP_NEAR, STRIP_FAR, STRIP_SAMPLES = 2, 12, 100
 # Rounds of the alignment; by what share of its sigma it moves when it has ended, and px: the sigma that is sharp enough
-# for that. [R]
+# for that, and of rows for a strip to be a witness of them. [R]
 STRIP_ROUNDS, STRIP_CONVERGED, STRIP_SHARP = 12, 0.05, 0.4
 # Sigma of disparity's gradients on surfaces, px a pixel. [R]
 STRIP_SLOPE_SIGMA = 0.15
 # Share of a strip's variance that its alignment has to explain. [R]
 STRIP_LEAST_SHARE = 0.5
-# Sigma of the gain between the two strips, and of the shift, grey levels; grey levels: what residuals differ by at
-# least. [R]
-STRIP_GAIN_SIGMA, STRIP_SHIFT_SIGMA, STRIP_LEAST_SCALE = 0.5, 100.0, 0.3
+# Sigma of the gain between the two strips, and of the shift, grey levels. [R]
+STRIP_GAIN_SIGMA, STRIP_SHIFT_SIGMA = 0.5, 100.0
 # Width of Cauchy's weights, in sigmas. [D] 95 % as efficient as least squares where nothing is wrong
 CAUCHY = 2.385
 # px: sigma of rows before any are known, and at least; share of a strip where dense disparity must be known; rounds of
 # the line through it; and the coarsest level, over the size of the dense disparity.
 STRIP_ROW_PRIOR, STRIP_LEAST_ROW, STRIP_LEAST_KNOWN, STRIP_FITS, STRIP_COARSEST = 1.0, 0.2, 0.15, 6, 0.75
-# px: smoothing of each level of the pyramid.
-STRIP_LEVEL_SIGMA = 0.8
 # Places along a strip, and reduced px from the edge, where dense disparity is asked.
 STRIP_STARTS, STRIP_ASKED = 24, (2.0, 5.0, 8.0)
 # px: by which a surface's disparity beside an edge misses the edge's, beyond what its alignment has. [R]
 STRIP_SIGMA = 0.2
-# px: sigma of rows up to which a strip is a witness of them. [R]
-STRIP_ROW_SIGMA = 0.4
 # Probability that an edge belongs to the surface on one of its sides. [R]
 STRIP_PRIOR = 0.7
 # Pixels of a strip that share one error: what smoothing makes of noise, and what no plane and no gain explain. [P]

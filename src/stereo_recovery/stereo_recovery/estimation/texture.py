@@ -20,6 +20,7 @@ from msgs_py.numeric.typed import AnyArray, Float32Array, FloatArray, IntArray
 from ..detection.segments import Segments
 from ..matching.dense import DenseDisparity
 from ..matching.row_error import RowError, RowWitnesses
+from ..matching.settings import PROFILE_SIGMA
 from ..matching.stereo_segments import StereoSegments
 from .factors import Factors
 from .settings import (
@@ -27,10 +28,9 @@ from .settings import (
     STRIP_COARSEST,
     STRIP_CORRELATION,
     STRIP_LEAST_ROW,
-    STRIP_LEVEL_SIGMA,
     STRIP_PRIOR,
     STRIP_ROW_PRIOR,
-    STRIP_ROW_SIGMA,
+    STRIP_SHARP,
     STRIP_SIGMA,
 )
 from .texture_kernels import ALIGNED, UNKNOWN, align_strips
@@ -66,7 +66,7 @@ class Texture:
 
 def _smooth(image: Float32Array) -> Float32Array:
     """(h, w) float32: an image, smoothed."""
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), STRIP_LEVEL_SIGMA), np.float32)
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), PROFILE_SIGMA), np.float32)
 
 
 def _halved(image: Float32Array) -> Float32Array:
@@ -148,7 +148,7 @@ def texture_rows(seen: StereoSegments, strips: AlignedStrips) -> RowWitnesses:
     index = np.unique(seen.matches.left[seen.straight])
     owner, value, covariance = strips.beside(index)
     sigma = np.sqrt(covariance[:, 2, 2])
-    told = sigma < STRIP_ROW_SIGMA
+    told = sigma < STRIP_SHARP
     return RowWitnesses(strips.places(index[owner], value)[told], value[told, 2], sigma[told])
 
 

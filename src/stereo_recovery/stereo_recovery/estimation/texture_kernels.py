@@ -9,6 +9,7 @@ from msgs_py.numeric.robust import NORMAL_QUARTILE
 from msgs_py.numeric.typed import ByteArray, Float32Array, FloatArray
 
 from ..detection.sampling import bilinear
+from ..detection.settings import QUANTISATION_NOISE
 from .settings import (
     CAUCHY,
     MATCH_SIGMA,
@@ -19,7 +20,6 @@ from .settings import (
     STRIP_FITS,
     STRIP_GAIN_SIGMA,
     STRIP_LEAST_KNOWN,
-    STRIP_LEAST_SCALE,
     STRIP_LEAST_SHARE,
     STRIP_NEAR,
     STRIP_ROUNDS,
@@ -211,7 +211,7 @@ def _align(
         m = _compare(right, places, count, p, seen)
         if m < 4 * UNKNOWNS:
             break
-        scale = _median_size(seen[6, :m]) / NORMAL_QUARTILE + STRIP_LEAST_SCALE
+        scale = _median_size(seen[6, :m]) / NORMAL_QUARTILE + QUANTISATION_NOISE
         left_over = _normal_equations(seen, m, scale, sums)
         covariance[:] = sums[:UNKNOWNS, :UNKNOWNS] / scale**2
         told = sums[UNKNOWNS, :UNKNOWNS] / scale**2

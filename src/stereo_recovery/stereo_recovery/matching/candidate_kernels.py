@@ -18,8 +18,6 @@ from .settings import (
     END_HEIGHT,
     EXPOSURE_ROUNDS,
     GAIN_SIGMA,
-    LEAST_COMMON_ROWS,
-    LEAST_COMMON_SHARE,
     LEAST_SCALE,
     LEVEL,
     LEVEL_BOTH,
@@ -287,8 +285,7 @@ def candidates(
             shorter = min(bottom - top, abs(q[1, 1] - q[0, 1]))
             common = last_row - first_row
             # A level pair whose rows tell its disparity is one by them, too, wherever its ends are.
-            by_rows = tv * rv > 0.0 and common >= SAME_ROW if level else common >= min(LEAST_COMMON_ROWS, 0.5 * shorter)
-            by_rows = by_rows and common >= LEAST_COMMON_SHARE * shorter
+            by_rows = tv * rv > 0.0 and common >= SAME_ROW if level else common >= min(SAME_ROW, 0.5 * shorter)
             for choice in range(0 if level else BY_ROWS, BY_ROWS + by_rows):
                 if choice < BY_ROWS:
                     ratio = _level_pair(p, q, choice, disparity)

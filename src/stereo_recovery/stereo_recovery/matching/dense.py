@@ -11,22 +11,21 @@ from ..detection.edgels import gradient_noise, noise_level
 from ..detection.segments import Segments
 from . import dense_kernels
 from .dense_kernels import Windows
-from .settings import DENSE_OFFSETS, DENSE_PIXELS, DENSE_SAMPLES, TEXTURE_NOISE
+from .settings import DENSE_OFFSETS, DENSE_PIXELS, DENSE_SAMPLES, PROFILE_SIGMA, TEXTURE_NOISE
 
 # Of OpenCV's semi-global matching, its manual's values: window, penalties of a step of one and of a larger one, by the
 # window's pixels; largest difference of the two directions, px; margin of the best over the second, percent.
 WINDOW, STEP_PENALTY, JUMP_PENALTY, MOST_DIFFERENCE, UNIQUENESS = 5, 8, 32, 1, 10
+
 # Disparities come as sixteenths of a pixel, and the range is in steps of as many.
-FRACTION = 16
-# px: the Gaussian that smooths about as much as Sobel's difference does.
-SOBEL_SIGMA = 0.8
+FRACTION = cv2.StereoMatcher_DISP_SCALE
 
 
 def _textured(grey: ByteArray) -> BoolArray:
     """(h, w) bool: where grey levels (h, w) change along the rows by more than noise; elsewhere all disparities fit."""
     change = cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125)
     energy = cv2.boxFilter(change * change, cv2.CV_32F, (WINDOW, WINDOW))
-    limit = (TEXTURE_NOISE * gradient_noise(noise_level(grey.astype(np.float32)), SOBEL_SIGMA)) ** 2
+    limit = (TEXTURE_NOISE * gradient_noise(noise_level(grey.astype(np.float32)), PROFILE_SIGMA)) ** 2
     return np.asarray(energy > limit)
 
 
@@ -63,7 +62,7 @@ class DenseDisparity:
     def __init__(self, left: Float32Array, right: Float32Array, lowest: float, highest: float) -> None:
         height, width = left.shape
         scale = min(1.0, float(np.sqrt(DENSE_PIXELS / (height * width))))
-        size = (max(FRACTION, round(width * scale)), max(FRACTION, round(height * scale)))
+        size = max(FRACTION, round(width * scale)), max(FRACTION, round(height * scale))
         self.scale = size[0] / width
         # At a disparity beyond the picture's width no column has a partner, which OpenCV does not survive.
         low = int(np.clip(np.floor(lowest * self.scale) - 1, WINDOW - size[0], size[0]))

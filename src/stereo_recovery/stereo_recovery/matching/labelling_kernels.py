@@ -18,7 +18,6 @@ from .candidate_kernels import SegmentTable
 from .settings import (
     BESIDE,
     CORNER_SPREAD,
-    DAMPING,
     DISPARITY_GRADIENT,
     DISPARITY_SPREAD,
     INDEPENDENT_NEIGHBOURS,
@@ -30,9 +29,8 @@ from .settings import (
     NEARER_LOG_ODDS,
     NEIGHBOURS,
     ONE_LINE,
-    ONE_LINE_SLOPE,
     SAME_PART,
-    SAME_SURFACE,
+    SEEN_AS_ONE,
     SUPPORT_REACH,
 )
 
@@ -192,7 +190,7 @@ def rivals(value: FloatArray, a: int, b: int) -> bool:
         return True
     # One below the other: parts of one line, or edges that meet there and that one eye sees in line.
     upper, lower = (a, b) if value[a, 3] < value[b, 3] else (b, a)
-    return bool(abs(value[upper, 7] - value[lower, 6]) > ONE_LINE + ONE_LINE_SLOPE * max(0.0, -common))
+    return bool(abs(value[upper, 7] - value[lower, 6]) > ONE_LINE)
 
 
 @njit
@@ -298,8 +296,8 @@ def propagate(
     """
     start, column, first, who, ratio = support
     rival_start, rival, odds = against
-    belief, score, likelihood = np.zeros(len(own)), own.copy(), np.empty(len(own))
-    same = SAME_SURFACE * np.exp(-near.gap / radius)
+    belief, score, likelihood = np.empty(len(own)), own.copy(), np.empty(len(own))
+    same = SEEN_AS_ONE * np.exp(-near.gap / radius)
     # Neighbours that have no candidate near a disparity speak against it.
     alone, odds_same = (near.worth * np.log(1.0 - same)).sum(axis=1), same / (1.0 - same)
     for turn in range(rounds + 1):
@@ -309,8 +307,7 @@ def propagate(
             total = 1.0 + likelihood[a]
             for q in range(rival_start[a], rival_start[a + 1]):
                 total += odds[q] * likelihood[rival[q]]
-            new = likelihood[a] / total
-            belief[a] = new if turn == 0 else belief[a] + DAMPING * (new - belief[a])
+            belief[a] = likelihood[a] / total
         if turn == rounds:
             break
         for a in range(len(own)):

@@ -18,17 +18,7 @@ from ..detection.edgels import Edgels
 from ..detection.segments import Segments, fit_segments
 from ..detection.settings import LEVEL_SINE, SAGITTA_OFFSET, SAGITTA_SLOPE
 from .matches import Matches
-
-# Two segments are parts of one edge when their directions differ by less than this (sine), when no end of theirs is off
-# the line through both by more than so many pixels, and when the gap between them is at most this share of both.
-ONE_DIRECTION = 0.14
-ONE_LINE = 1.0
-WIDEST_SHARE = 0.3
-# Two segments meet in a corner when their lines cross within so many pixels of the gap between their chains. A line is
-# cut there when either part keeps so many edgels, and is fitted to them when that moves its ends by less than this.
-AT_GAP = 4.0
-FEWEST = 6
-MOVED = 1.0
+from .settings import AT_GAP, FEWEST, PARTS_GAP, PARTS_MISS, PARTS_SINE
 
 
 @dataclass(frozen=True)
@@ -124,9 +114,9 @@ def join_matched(matches: Matches, left: Segments, right: Segments) -> tuple[Mat
                 gap = line.extent[1] - line.extent[0] - side.length[pair].sum()
                 (ax, ay), (bx, by) = side.direction[pair]
                 if (
-                    abs(ax * by - ay * bx) < ONE_DIRECTION
-                    and line.miss < ONE_LINE
-                    and -4.0 < gap < WIDEST_SHARE * side.length[pair].sum()
+                    abs(ax * by - ay * bx) < PARTS_SINE
+                    and line.miss < PARTS_MISS
+                    and -4.0 < gap < PARTS_GAP * side.length[pair].sum()
                 ):
                     side = with_line(side, head, line)
                     kept[i] = False
@@ -237,7 +227,7 @@ def _cut(segments: Segments, i: int, height: float, edgels: Edgels, sigma: float
     extent = np.array([[segments.extent[i, 0], place], [place, segments.extent[i, 1]]])
     parts = fit_segments(edgels, bounds, result.chain, sigma)
     across = np.array([-direction[1], direction[0]])
-    if max(np.abs((end - segments.centre[i]) @ across).max() for end in (parts.start, parts.end)) < MOVED:
+    if max(np.abs((end - segments.centre[i]) @ across).max() for end in (parts.start, parts.end)) < PARTS_MISS:
         # A chain that was followed beyond its edgels still is.
         outer = [(segments.centre[i] + extent[k, k] * direction - parts.centre[k]) @ parts.direction[k] for k in (0, 1)]
         extent = parts.extent.copy()

@@ -26,7 +26,7 @@ from .settings import (
     ROW_OFFSET_SIGMA,
     ROW_SHIFT_MOST,
     ROW_TURN_SIGMA,
-    ROW_WITNESS_PRIOR,
+    SEEN_AS_ONE,
 )
 from .stereo_segments import StereoSegments
 
@@ -239,5 +239,5 @@ def _likelihoods(left_over: FloatArray, sigma: FloatArray, single: float | Float
     single : sigma of single rows, pixels, of all or of each
     """
     variance = sigma**2 + single**2
-    right = ROW_WITNESS_PRIOR * np.exp(-0.5 * left_over**2 / variance) / np.sqrt(2.0 * np.pi * variance)
-    return right, (1.0 - ROW_WITNESS_PRIOR) / (2.0 * ROW_SHIFT_MOST)
+    right = SEEN_AS_ONE * np.exp(-0.5 * left_over**2 / variance) / np.sqrt(2.0 * np.pi * variance)
+    return right, (1.0 - SEEN_AS_ONE) / (2.0 * ROW_SHIFT_MOST)

@@ -7,15 +7,7 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import FloatArray
 
-from .settings import (
-    ROW_LEAST_SIGMA,
-    ROW_ROUNDS,
-    ROW_SHIFT_MOST,
-    ROW_SIGMA,
-    ROW_SIGMA_SPREAD,
-    ROW_SIGMAS,
-    ROW_WITNESS_PRIOR,
-)
+from .settings import ROW_LEAST_SIGMA, ROW_ROUNDS, ROW_SHIFT_MOST, ROW_SIGMA, ROW_SIGMA_SPREAD, ROW_SIGMAS, SEEN_AS_ONE
 
 
 @njit(nogil=True)
@@ -26,13 +18,13 @@ def single_sigma(left_over: FloatArray, sigma: FloatArray, least: float) -> floa
     """
     low, high = np.log(max(least, ROW_LEAST_SIGMA)), np.log(ROW_SHIFT_MOST)
     tried, log_odds = np.empty(ROW_SIGMAS), np.empty(ROW_SIGMAS)
-    wrong = (1.0 - ROW_WITNESS_PRIOR) / (2.0 * ROW_SHIFT_MOST)
+    wrong = (1.0 - SEEN_AS_ONE) / (2.0 * ROW_SHIFT_MOST)
     for m in range(ROW_SIGMAS):
         tried[m] = np.exp(low + (high - low) * m / (ROW_SIGMAS - 1))
         total, product = -0.5 * (np.log(tried[m] / ROW_SIGMA) / ROW_SIGMA_SPREAD) ** 2, 1.0
         for k in range(len(left_over)):
             variance = sigma[k] ** 2 + tried[m] ** 2
-            right = ROW_WITNESS_PRIOR * np.exp(-0.5 * left_over[k] ** 2 / variance) / np.sqrt(2.0 * np.pi * variance)
+            right = SEEN_AS_ONE * np.exp(-0.5 * left_over[k] ** 2 / variance) / np.sqrt(2.0 * np.pi * variance)
             product *= right + wrong
             # The logarithm of several at once, as far as their product is a number.
             if k % 16 == 15:

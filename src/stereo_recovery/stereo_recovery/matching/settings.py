@@ -6,15 +6,18 @@ test/benchmarks/bench_photoreal.py and bench_real.py that are not held out; [D] 
 
 from __future__ import annotations
 
+# Probability that what the images show as one is one in space: adjacent segments a surface (less with their distance
+# over the support radius), corners, level edges and strips of texture that both show at nearly one height a place, a
+# corner that one image shows a corner, the ends of a pair a point, and two edges that continue each other an edge. [R]
+SEEN_AS_ONE = 0.8
+
 # -- geometry of a candidate -------------------------------------------------------------------------------------------
 
 # Sine of a segment's slope below which rows say little about its disparity, and ends give it instead. [R]
 LEVEL = 0.1
-# px: by how much rows of one point may differ in the two images, where a level segment's ends are compared, and width
-# of the Cauchy density of that difference. [R]
+# px: by how much rows of one point may differ in the two images, where a level segment's ends are compared, which two
+# segments at least have in common, or half of the shorter; and width of the Cauchy density of that difference. [R]
 SAME_ROW, ROW_SCALE = 2.5, 0.4
-# Rows that two steep segments have in common: at least so many, or half of the shorter one's, and this share of it. [R]
-LEAST_COMMON_ROWS, LEAST_COMMON_SHARE = 2.0, 0.2
 # Largest disparity gradient along an edge; at 2 its direction would be reversed in one image. [D] Pollard, Mayhew and
 # Frisby's limit for surfaces both eyes see is 1; edges seen almost end on exceed it.
 STEEPEST = 1.9
@@ -31,7 +34,7 @@ BORDER = 5.0
 
 # -- grey levels beside an edge ----------------------------------------------------------------------------------------
 
-# px: smoothing of the images that grey levels are looked up in, one pixel each.
+# px: smoothing of the images that grey levels are looked up in, one pixel each; about that of Sobel's difference.
 PROFILE_SIGMA = 0.8
 # Samples along a segment, and their distances from it, px.
 PROFILE_SAMPLES, PROFILE_OFFSETS = 8, (2.0, 3.5, 5.0)
@@ -70,8 +73,6 @@ TEXTURE_NOISE = 3.0
 NEIGHBOURS, INDEPENDENT_NEIGHBOURS = 20, 4.0
 # px: neighbours weigh by their length, up to the first, over their distance, plus the second. [R]
 LONG_NEIGHBOUR, NEAR_NEIGHBOUR = 60.0, 8.0
-# Probability that adjacent segments lie on one surface; it falls with distance over the support radius. [R]
-SAME_SURFACE = 0.8
 # Width of the Cauchy density of the difference of disparity on one surface: px, and per px of distance. [R]
 DISPARITY_SPREAD, DISPARITY_GRADIENT = 0.7, 0.12
 # px: the same where two segments meet in both images. [R]
@@ -90,13 +91,13 @@ MOST_CANDIDATES, LEAST_ODDS = 9, -6.0
 # Belief nearer than this to 0 or 1 is settled: where the first pass settles all, dense disparity is not asked. [R]
 # bounds the time
 SETTLED = 0.02
-# Rounds of belief propagation, in the first pass and in the second; share of a new belief that is taken. [R]
-FIRST_ROUNDS, ROUNDS, DAMPING = 3, 8, 0.7
+# Rounds of belief propagation, in the first pass and in the second. [R]
+FIRST_ROUNDS, ROUNDS = 3, 8
 # Log odds beyond which nothing is more certain. [D] keeps the exponential finite
 MOST_ODDS = 40.0
-# Two partners of one segment are parts of one edge when their disparities agree to this, px, and per px between them;
-# pairs that have this share of the shorter one's rows in common claim the same part. [R]
-ONE_LINE, ONE_LINE_SLOPE, SAME_PART = 2.0, 0.05, 0.3
+# Two partners of one segment are parts of one edge when their disparities agree to this, px; pairs that have this share
+# of the shorter one's rows in common claim the same part. [R]
+ONE_LINE, SAME_PART = 2.0, 0.3
 # An eye that sees past an object's side sees one edge more there, outside the one that both see: of two candidates the
 # nearer is the true one. Log odds of that, when they are side by side; px over which it falls off; and px below which
 # two candidates are one. [R]
@@ -104,6 +105,16 @@ NEARER_LOG_ODDS, BESIDE, LEAST_BESIDE = 3.5, 60.0, 1.0
 # Share of matched ends left out at either end of the range of disparities, and the room beyond it: px, and as a share
 # of the range. [R]
 OUTLYING, ROOM, ROOM_SHARE = 0.02, 8.0, 0.25
+
+# -- segments of one edge, and of two that one eye sees as one ---------------------------------------------------------
+
+# Two segments are parts of one edge when their directions differ by less than this (sine), when no end of theirs is off
+# the line through both by more than so many px, and when the gap between them is at most this share of both. [R]
+PARTS_SINE, PARTS_MISS, PARTS_GAP = 0.14, 1.0, 0.3
+# px: two segments meet in a corner when their lines cross within this of the gap between their chains. A line is cut
+# there when either part keeps so many edgels, and is fitted to them when that moves its ends by less than PARTS_MISS.
+# [R]
+AT_GAP, FEWEST = 4.0, 6
 
 # -- rows --------------------------------------------------------------------------------------------------------------
 
@@ -117,8 +128,6 @@ ROW_OFFSET_SIGMA, ROW_TURN_SIGMA, ROW_SHIFT_MOST = 0.5, 0.4, 3.0
 ROW_SIGMA, ROW_SIGMA_SPREAD, ROW_LEAST_SIGMA, ROW_SIGMAS = 0.01, 1.5, 0.002, 30
 # Rounds of the robust fit.
 ROW_ROUNDS = 15
-# Probability that a corner, level edge or strip of texture that both images show at nearly one height is one. [R]
-ROW_WITNESS_PRIOR = 0.8
 # Log odds below which the rows' error is taken to be none. [D] one exact rig in twenty
 ROW_LOG_ODDS = 3.0
 
