@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from msgs_py import FeatureSet, PinholeCamera, Pose, StereoRig
 from stereo_recovery.curves import fit_kernels
 from stereo_recovery.curves.axes import axis_features, find_axes
-from stereo_recovery.curves.axis_constraint import AxisConstraint
+from stereo_recovery.curves.axis_constraint import held
 from stereo_recovery.curves.curve import Curve, camera_views, curve_features, flipped, image_conic
 from stereo_recovery.curves.curved_shapes import distinct
 from stereo_recovery.curves.fit import refine
@@ -191,13 +191,17 @@ def test_an_arc_that_says_little_is_held_by_the_axis_of_a_known_rim():
     short = both(true, arc=(0.5, 0.6), noise=0.04, count=40)
     alone = refine(true, short, circle=True)
     assert alone is not None and np.degrees(alone.tilt) > 2.0
-    axis = AxisConstraint(
-        true.centre + 0.03 * true.normal, true.normal, 1e-12 * np.eye(3), np.radians(0.02)
-    ).for_kernels
-    held = refine(true, short, circle=True, axis=axis)
-    assert held is not None and np.degrees(held.tilt) < 0.05
-    assert angle_between(held.normal, true.normal) < 3.0 * np.degrees(held.tilt)
-    assert np.linalg.norm(held.centre - true.centre) < 0.5e-3
+    rim = replace(true, centre=true.centre + 0.03 * true.normal, covariance=1e-12 * np.eye(6))
+    on_axis = held(alone, [rim])
+    assert np.degrees(on_axis.tilt) < 0.2
+    assert angle_between(on_axis.normal, true.normal) < 3.0 * np.degrees(on_axis.tilt)
+    assert np.linalg.norm(on_axis.centre - true.centre) < 0.5e-3
+    # One beside it tells the normal only, and one in another plane nothing.
+    beside = held(alone, [replace(rim, centre=rim.centre + 0.05 * rim.first)])
+    assert np.degrees(beside.tilt) < 0.2
+    assert beside.covariance[:3, :3].trace() > on_axis.covariance[:3, :3].trace()
+    tilted = curve(rim.centre, rim.normal + 2.0 * rim.first)
+    assert held(alone, [replace(tilted, covariance=rim.covariance)]) is alone
 
 
 @given(directions, st.floats(0.02, 0.05))
@@ -230,7 +234,8 @@ def contours_of_cylinder(rim: Curve, length: float, view) -> list[np.ndarray]:
     ('moved', 'is_contour'),
     [
         ((0.0, 0.0), True),
-        ((0.0, 2.5), True),  # the right image's segment is a neighbour, but the left one is an contour beyond doubt
+        ((0.0, 0.5), True),
+        ((0.0, 2.5), False),  # what one eye alone shows is no contour
         ((2.5, 2.5), False),
         ((0.0, 9.0), False),
     ],
@@ -377,9 +382,10 @@ def test_neither_blur_nor_the_edgels_fit_make_a_circle_smaller(radius, blur):
     pair = [detect(disc(middle, radius, blur), sigma=0.8, threshold=5.0) for middle in ((40.3, 39.6), (40.1, 39.6))]
     depth = 400.0 * 0.0002 / 0.2
     start = curve([0.0, 0.0, depth], [0.0, 0.0, -1.0], radius * depth / 400.0)
-    axis = AxisConstraint(start.centre, start.normal, 1e-4 * np.eye(3), 1e-6).for_kernels
-    found = refine(start, StereoEdgels(*pair, rig, blur_variance(pair)), circle=True, axis=axis)
-    assert found is not None
+    free = refine(start, StereoEdgels(*pair, rig, blur_variance(pair)), circle=True)
+    assert free is not None
+    # So near to each other, two eyes do not tell the plane; it is known here.
+    found = held(free, [replace(start, covariance=1e-12 * np.eye(6))])
     assert abs(found.radii[0] / found.centre[2] * 400.0 - radius) < 0.012
 
 

@@ -12,7 +12,7 @@ from ..matching.matches import Matches
 from ..stopwatch import Late, never
 from . import settings
 from .axes import Axis, find_axes
-from .curve import Curve
+from .curve import Curve, cross
 from .fit import is_reported
 from .observations import StereoEdgels
 from .occluding_contours import CurvedSurface
@@ -33,7 +33,7 @@ class CurvedShapes:
     axes : list of Axis
         Of the reported ones.
     surfaces : list of CurvedSurface
-        That any rim may bound.
+        That any reported rim may bound.
     """
 
     curves: list[Curve]
@@ -72,7 +72,6 @@ def recover_curved_shapes(
     rims = without_spheres(curves, edgels)
     reported = [curve for curve in rims if is_reported(curve)]
     axes, surfaces = find_axes(reported, segments, edgels.rig)
-    surfaces += [CurvedSurface.cylinder(curve) for curve in rims if not is_reported(curve)]
     return CurvedShapes(curves, reported, axes, surfaces)
 
 
@@ -93,12 +92,9 @@ def distinct(curves: list[Curve]) -> list[Curve]:
     kept: list[Curve] = []
     for curve in sorted(curves, key=lambda c: -int(c.left.sum() + c.right.sum())):
         for k, other in enumerate(kept):
-            near = settings.SAME_RIM * other.radii[0]
-            if (
-                np.linalg.norm(curve.centre - other.centre) < near
-                and np.abs(curve.radii - other.radii).max() < near
-                and abs(curve.normal @ other.normal) > settings.SAME_PLANE_COSINE
-            ):
+            turn = np.linalg.norm(cross(curve.normal, other.normal))
+            apart = np.append(np.linalg.norm(curve.centre - other.centre), np.abs(curve.radii - other.radii))
+            if max(turn, apart.max() / other.radii[0]) < settings.SAME_RIM:
                 kept[k] = replace(other, left=other.left | curve.left, right=other.right | curve.right)
                 break
         else:

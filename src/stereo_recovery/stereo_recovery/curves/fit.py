@@ -10,21 +10,12 @@ from msgs_py.numeric.typed import FloatArray, IntArray
 
 from . import fit_kernels, settings
 from .curve import Curve, CurveShape
-from .fit_kernels import Axis, Fit
+from .fit_kernels import Fit
 from .observations import StereoEdgels
 from .orientation import outward
 
-NO_AXIS = Axis(np.zeros((0, 3)), np.zeros((2, 2)), 1.0)
 
-
-def refine(
-    curve: Curve,
-    edgels: StereoEdgels,
-    circle: bool = True,
-    index: IntArray | None = None,
-    axis: Axis = NO_AXIS,
-    rough: bool = False,
-) -> Curve | None:
+def refine(curve: Curve, edgels: StereoEdgels, circle: bool = True, index: IntArray | None = None) -> Curve | None:
     """Move a curve until both image conics lie on given edgels (thesis 3.10.1).
 
     Parameters
@@ -37,10 +28,6 @@ def refine(
         Fit six parameters of a circle; else eight of an ellipse.
     index : (k,) int64, optional
         Which of the edgels, by their numbers in ``edgels.seen``; all, where it is not given.
-    axis : Axis, optional
-        That the curve shall lie on. The covariance then holds what the edgels and the axis together determine.
-    rough : bool
-        Without covariance: this fit only compares starts.
 
     Returns
     -------
@@ -49,30 +36,8 @@ def refine(
     """
     if index is None:
         index = np.arange(len(edgels.seen.points))
-    found = fit_kernels.fit(curve.shape, circle, edgels.seen, index, axis, settings.ROUNDS, rough)
+    found = fit_kernels.fit(curve.shape, circle, edgels.seen, index)
     return _with_fit(curve, found) if found.good else None
-
-
-def recover_curve(start: Curve, edgels: StereoEdgels, chosen: IntArray, axis: Axis = NO_AXIS) -> Curve | None:
-    """Fit a curve to chosen edgels, then to all its inliers.
-
-    Parameters
-    ----------
-    start : Curve
-        Rough; left optical frame, metres.
-    edgels : StereoEdgels
-        All of both images.
-    chosen : (k,) int64
-        Edgels that certainly belong to it, by their numbers in ``edgels.seen``.
-    axis : Axis, optional
-        An axis that it lies on; it is a circle then.
-
-    Returns
-    -------
-    Curve or None
-        With its edgels, arc, coverage and a normal out of its face; None when it does not fit, or looks like a line.
-    """
-    return of_fit(fit_kernels.recovered(start.shape, edgels.seen, chosen, axis), edgels)
 
 
 def of_fit(recovered: tuple[Fit, IntArray, tuple[float, float, float]], edgels: StereoEdgels) -> Curve | None:
@@ -96,18 +61,18 @@ def distances(curve: Curve, edgels: StereoEdgels, index: IntArray) -> FloatArray
 
 
 def is_determined(curve: Curve) -> bool:
-    """Whether a curve's own edgels determine its plane and its radius."""
-    return bool(
-        curve.coverage > settings.LEAST_COVERAGE
-        and curve.tilt < settings.DETERMINED_TILT
-        and np.sqrt(curve.covariance[5, 5]) < settings.DETERMINED_RADIUS_SIGMA * curve.radii[0]
-    )
+    """Whether a curve's own edgels determine it, so that it explains them."""
+    return _relative_sigma(curve) < settings.DETERMINED_SIGMA
 
 
 def is_reported(curve: Curve) -> bool:
     """Whether a curve is known well enough to be a feature. Others only explain edgels."""
-    most = settings.REPORTED_TILT if curve.coverage > settings.MOSTLY_SEEN else settings.ARC_TILT
-    return bool(curve.tilt < most and curve.misfit < settings.REPORTED_MISFIT)
+    return _relative_sigma(curve) < settings.REPORTED_SIGMA
+
+
+def _relative_sigma(curve: Curve) -> float:
+    """Radii: what the uncertainty of a curve moves its points by, as far as its normal or its size are uncertain."""
+    return max(curve.tilt, float(np.sqrt(curve.covariance[5, 5])) / float(curve.radii[0]))
 
 
 def _with_fit(curve: Curve, found: Fit) -> Curve:

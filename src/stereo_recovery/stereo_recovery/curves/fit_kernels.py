@@ -16,59 +16,25 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.robust import MAD_TO_SIGMA
 from msgs_py.numeric.typed import FloatArray, IntArray
 
-from ..detection.settings import CAUCHY, CORRELATION_LENGTH, SMALLEST
+from ..detection.settings import CAUCHY, CORRELATION_LENGTH, GATE, SMALLEST
 from .curve import CurveShape
 from .inlier_kernels import on_conic, without_ends
 from .observations import Seen
 from .settings import (
-    ARC_BINS,
-    CIRCLE_MISFIT,
-    COMMON_SHARE,
-    COMMON_SIGMA,
-    CURVATURE_VARIANCE_SHARE,
-    DAMPING_ATTEMPTS,
     DAMPING_FACTOR,
     DAMPING_START,
     DIAGONAL_FACET_SHARE,
-    ELLIPSE_GAIN,
     FACET_VARIANCE,
-    GOOD_RMS,
     INLIER_DISTANCE,
-    INLIER_SIGMA,
-    LARGEST_STEP,
     LEAST_CURVE_EDGELS,
-    LEAST_ELLIPSE_SIGMA,
     LEAST_GAIN,
-    LEAST_INLIER_DISTANCE,
-    LONGEST_GAP_BINS,
-    MOST_CURVATURE_BIAS,
-    MOST_SQUARED_RESIDUAL,
+    LONGEST_GAP,
+    MOST_MISFIT,
     OVERALL_SHARE,
-    OVERALL_SIGMA,
-    RADIUS_SIGMA_FACTOR,
     REFITS,
     ROUNDS,
     SECTORS,
-    WORST_RMS,
 )
-
-
-class Axis(NamedTuple):
-    """An axis on which a curve lies, or none.
-
-    Attributes
-    ----------
-    frame : (4, 3) float64
-        Rows: a point, metres, the unit direction, two unit directions across it; (0, 3) for no axis.
-    spread : (2, 2) float64, m^2
-        Covariance of the point across the axis.
-    tilt : float
-        Radians. Sigma of the direction.
-    """
-
-    frame: FloatArray
-    spread: FloatArray
-    tilt: float
 
 
 class Fit(NamedTuple):
@@ -82,7 +48,7 @@ class Fit(NamedTuple):
     covariance : (6, 6) float64
         See :class:`.curve.Curve`.
     rms : float
-        Pixels. Of distances, none of which counts more than a limit.
+        Pixels. Root mean square of the distances.
     misfit : float
         Residuals over what the edgels' sigma predicts.
     """
@@ -198,7 +164,7 @@ def _residuals(
         variance = 0.0
         if seen.blur > 0.0:
             variance = seen.blur + FACET_VARIANCE * (1.0 - DIAGONAL_FACET_SHARE * twice * twice)
-        bias[k] = min(0.5 * variance * abs(curvature), MOST_CURVATURE_BIAS)
+        bias[k] = 0.5 * variance * abs(curvature)
         distance[k] = 0.5 * sign * (p * p + q * q - w * w) / g + bias[k]
         if len(rows) == 0:
             continue
@@ -213,7 +179,7 @@ def _residuals(
         if rows.shape[1] == 6:
             rows[k, 5] += q * minor * second
         else:
-            rows[k, 6], rows[k, 7] = q * minor * second, p * major * second - q * minor * first
+            rows[k, 6], rows[k, 7] = q * minor * second, p * major * second + q * minor * first
 
 
 @njit
@@ -221,19 +187,23 @@ def moved(shape: CurveShape, step: FloatArray, circle: bool) -> CurveShape:
     """A curve changed by a step.
 
     step : (8,): displacement of the centre (3), metres; tilts about first and about normal x first (2), radians;
-    changes of the log radii (2; of a circle the first counts for both); turn of an ellipse in its plane, radians
+    changes of the log radii (2; of a circle the first counts for both); shear of an ellipse along both its axes, which
+    a circle can be changed by as well as an ellipse
     """
     second = second_of(shape)
     n = shape.normal + step[3] * second - step[4] * shape.first
     n = n / np.sqrt((n * n).sum())
-    f = shape.first.copy()
+    r = shape.radii * np.exp(step[5])
+    f = shape.first
     if not circle:
-        f = f + step[7] * second
+        # The ellipse is the image of the unit circle by a matrix, the first singular vector of which is its major axis.
+        a, b, c, d = r[0], step[7] * shape.radii[1], step[7] * shape.radii[0], shape.radii[1] * np.exp(step[6])
+        size, stretch, cross = a * a + b * b + c * c + d * d, a * a + b * b - c * c - d * d, 2.0 * (a * c + b * d)
+        turn, most = 0.5 * np.arctan2(cross, stretch), np.hypot(stretch, cross)
+        r = np.sqrt(np.array([0.5 * (size + most), max(0.5 * (size - most), 0.0)]))
+        f = np.cos(turn) * f + np.sin(turn) * second
     f = f - n * (f * n).sum()
     f = f / np.sqrt((f * f).sum())
-    r = shape.radii.copy()
-    r[0] *= np.exp(step[5])
-    r[1] *= np.exp(step[5] if circle else step[6])
     return CurveShape(shape.centre + step[:3], n, f, r)
 
 
@@ -267,42 +237,9 @@ def solve(matrix: FloatArray, right: FloatArray) -> bool:
 
 
 @njit
-def _add_axis(
-    axis: Axis, information: FloatArray, shape: CurveShape, matrix: FloatArray, gradient: FloatArray
-) -> float:
-    """Adds what an axis says of a curve to normal equations (p, p), (p, 1); returns its cost.
-
-    information : (4, 4), of two tilts, radians, and of two offsets, metres; (0, 0) for no axis
-    """
-    if len(information) == 0:
-        return 0.0
-    sign = 1.0 if (axis.frame[1] * shape.normal).sum() >= 0.0 else -1.0
-    off, slope = np.empty(4), np.zeros((4, len(matrix)))
-    second = second_of(shape)
-    for k in range(2):
-        across = axis.frame[2 + k]
-        off[k] = sign * (across * shape.normal).sum()
-        off[2 + k] = (across * (shape.centre - axis.frame[0])).sum()
-        slope[k, 3], slope[k, 4] = sign * (across * second).sum(), -sign * (across * shape.first).sum()
-        slope[2 + k, :3] = across
-    told = information @ off
-    matrix += slope.T @ information @ slope
-    gradient[:, 0] += slope.T @ told
-    return float((off * told).sum())
-
-
-@njit
-def _information(axis: Axis, centre: FloatArray) -> FloatArray:
-    """(4, 4) of what an axis says of a curve at a centre (3,), metres; (0, 0) of none."""
-    if len(axis.frame) == 0:
-        return np.zeros((0, 0))
-    result = np.eye(4)
-    far = axis.tilt * ((centre - axis.frame[0]) * axis.frame[1]).sum()
-    covariance = np.eye(4)
-    covariance[0, 0] = covariance[1, 1] = axis.tilt**2
-    covariance[2:, 2:] = axis.spread + far**2 * np.eye(2)
-    solve(covariance, result)
-    return result
+def _sigma(seen: Seen, index: IntArray) -> FloatArray:
+    """(k,) pixels: sigma of edgels, by noise and by localisation."""
+    return np.hypot(seen.sigma[index], seen.bias[index])
 
 
 @njit
@@ -317,8 +254,7 @@ def _equations(
     spread = max(MAD_TO_SIGMA * np.median(ratio), 1.0)
     matrix, gradient = np.zeros((size, size)), np.zeros((size, 1))
     for i in range(n):
-        variance = sigma[i] * sigma[i] + CURVATURE_VARIANCE_SHARE * bias[i] * bias[i]
-        weights[i] = 1.0 / (variance * (1.0 + (ratio[i] / (CAUCHY * spread)) ** 2))
+        weights[i] = 1.0 / (sigma[i] * sigma[i] * (1.0 + (ratio[i] / (CAUCHY * spread)) ** 2))
         for a in range(size):
             wa = weights[i] * rows[i, a]
             gradient[a, 0] += wa * distance[i]
@@ -331,9 +267,7 @@ def _equations(
 
 
 @njit
-def minimise(
-    shape: CurveShape, circle: bool, seen: Seen, index: IntArray, axis: Axis, rounds: int
-) -> tuple[bool, CurveShape]:
+def minimise(shape: CurveShape, circle: bool, seen: Seen, index: IntArray) -> tuple[bool, CurveShape]:
     """Move a curve until its image conics lie on edgels (Levenberg-Marquardt, Cauchy weights; thesis 3.10.1).
 
     Returns
@@ -343,45 +277,36 @@ def minimise(
     shape : CurveShape
     """
     size = 6 if circle else 8
-    sigma = np.hypot(seen.sigma[index], seen.bias[index])
+    sigma = _sigma(seen, index)
     rows, none, bias = np.empty((len(index), size)), np.empty((0, 0)), np.empty(len(index))
-    information = CORRELATION_LENGTH * 2.0 * _information(axis, shape.centre)
     damping = DAMPING_START
-    for _ in range(rounds):
-        matrix, gradient, distance, weights = _equations(shape, seen, index, sigma, rows)
-        cost = (weights * distance * distance).sum() + _add_axis(axis, information, shape, matrix, gradient)
-        if not (np.isfinite(cost) and np.isfinite(matrix).all()):
+    matrix, gradient, distance, weights = _equations(shape, seen, index, sigma, rows)
+    cost = (weights * distance * distance).sum()
+    for _ in range(ROUNDS):
+        damped, right = matrix.copy(), -gradient
+        for a in range(size):
+            damped[a, a] *= 1.0 + damping
+        if not solve(damped, right):
             return False, shape
-        gained = 0.0
-        for _attempt in range(DAMPING_ATTEMPTS):
-            damped, right = matrix.copy(), -gradient
-            for a in range(size):
-                damped[a, a] += damping * matrix[a, a]
-            if not solve(damped, right):
-                return False, shape
-            step = np.zeros(8)
-            for a in range(size):
-                widest = shape.radii[0] if a < 3 else LARGEST_STEP
-                step[a] = min(max(right[a, 0], -widest), widest)
-            other = moved(shape, step, circle)
-            residuals(other, seen, index, distance, bias, none)
-            new_cost = (weights * distance * distance).sum()
-            new_cost += _add_axis(axis, information, other, np.zeros((size, size)), np.zeros((size, 1)))
-            if np.isfinite(new_cost) and new_cost <= cost:
-                shape = other
-                gained = cost - new_cost
-                damping /= DAMPING_FACTOR
-                break
+        step = np.zeros(8)
+        step[:size] = right[:, 0]
+        other = moved(shape, step, circle)
+        residuals(other, seen, index, distance, bias, none)
+        new_cost = (weights * distance * distance).sum()
+        if not new_cost <= cost:
             damping *= DAMPING_FACTOR
+            continue
+        shape, gained = other, cost - new_cost
         if gained < LEAST_GAIN * cost:
             break
+        damping /= DAMPING_FACTOR
+        matrix, gradient, distance, weights = _equations(shape, seen, index, sigma, rows)
+        cost = (weights * distance * distance).sum()
     return True, shape
 
 
 @njit(nogil=True)
-def fit(
-    shape: CurveShape, circle: bool, seen: Seen, index: IntArray, axis: Axis, rounds: int, rough: bool = False
-) -> Fit:
+def fit(shape: CurveShape, circle: bool, seen: Seen, index: IntArray, rough: bool = False) -> Fit:
     """A curve fitted to edgels, with how well it is known.
 
     Parameters
@@ -392,10 +317,6 @@ def fit(
         Six parameters of a circle; else eight of an ellipse.
     seen, index
         The edgels.
-    axis : Axis
-        That it lies on, or none.
-    rounds : int
-        Most rounds of Levenberg-Marquardt.
     rough : bool
         Without covariance: this fit only compares starts.
 
@@ -412,14 +333,13 @@ def fit(
     failed = Fit(False, shape, nothing, np.inf, np.inf)
     if len(index) <= size:
         return failed
-    prior = 2.0 * CORRELATION_LENGTH * _information(axis, shape.centre)
-    good, shape = minimise(shape, circle, seen, index, axis, rounds)
+    good, shape = minimise(shape, circle, seen, index)
     if not good:
         return failed
-    sigma = np.hypot(seen.sigma[index], seen.bias[index])
+    sigma = _sigma(seen, index)
     rows = np.empty((len(index), size))
     matrix, gradient, distance, weights = _equations(shape, seen, index, sigma, rows)
-    rms = np.sqrt(np.mean(np.minimum(distance * distance, MOST_SQUARED_RESIDUAL)))
+    rms = np.sqrt(np.mean(distance * distance))
     if rough or not np.isfinite(rms):
         return Fit(bool(np.isfinite(rms)), shape, nothing, rms, np.inf)
     free = max(len(index) - size, 1)
@@ -427,32 +347,21 @@ def fit(
     # Displacements that edgels have in common do not average out: those of a sector, and those of all.
     spread = matrix * correlated
     sector = sectors(shape, seen, index)
-    spread += _common(rows, weights, np.hypot(seen.bias[index], COMMON_SIGMA + COMMON_SHARE * sigma), sector)
-    spread += _common(rows, weights, OVERALL_SIGMA + OVERALL_SHARE * sigma, 0 * sector)
-    of_axis = np.zeros((size, size))
-    _add_axis(axis, prior, shape, of_axis, gradient)
-    # The axis has the information of as many edgels as are alike; its variance has that factor squared.
-    spread += of_axis * 2.0 * CORRELATION_LENGTH
+    spread += _common(rows, weights, sigma, sector)
+    spread += _common(rows, weights, OVERALL_SHARE * sigma, 0 * sector)
     inverse = np.eye(size)
-    if not solve(matrix + of_axis, inverse):
+    if not solve(matrix, inverse):
         return failed
     covariance = inverse @ spread @ inverse
     if not circle:
         variance = max(covariance[5, 5] + covariance[6, 6] - 2.0 * covariance[5, 6], 0.0)
-        if abs(np.log(shape.radii[0] / shape.radii[1])) < LEAST_ELLIPSE_SIGMA * np.sqrt(variance):
+        if abs(np.log(shape.radii[0] / shape.radii[1])) < GATE * np.sqrt(variance):
             return failed
     covariance = covariance[:6, :6].copy()
-    covariance[5, :] *= RADIUS_SIGMA_FACTOR * shape.radii[0]
-    covariance[:, 5] *= RADIUS_SIGMA_FACTOR * shape.radii[0]
+    covariance[5, :] *= shape.radii[0]
+    covariance[:, 5] *= shape.radii[0]
     if not np.isfinite(covariance).all() or np.diag(covariance).min() < 0.0:
         return failed
-    if shape.radii[0] < shape.radii[1]:
-        # The larger radius first: the tilts are about the radii.
-        turn = np.eye(6)
-        turn[3, 3] = turn[4, 4] = 0.0
-        turn[3, 4], turn[4, 3] = 1.0, -1.0
-        shape = CurveShape(shape.centre, shape.normal, second_of(shape), shape.radii[::-1].copy())
-        covariance = turn @ covariance @ turn.T
     return Fit(True, shape, covariance, rms, MAD_TO_SIGMA * np.median(np.abs(distance) / sigma))
 
 
@@ -492,7 +401,7 @@ def _common(rows: FloatArray, weights: FloatArray, sigma: FloatArray, group: Int
 
 
 @njit(nogil=True)
-def inliers(found: Fit, seen: Seen, side: int, wide: bool) -> tuple[IntArray, IntArray]:
+def inliers(found: Fit, seen: Seen, side: int) -> tuple[IntArray, IntArray]:
     """Edgels of one image that belong to a curve, and those of them that measure it.
 
     Parameters
@@ -501,16 +410,14 @@ def inliers(found: Fit, seen: Seen, side: int, wide: bool) -> tuple[IntArray, In
     seen : Seen
     side : int
         0 for the left image, 1 for the right one.
-    wide : bool
-        The curve's own uncertainty adds to the distance that is allowed.
 
     Returns
     -------
     belongs : (k,) int64
         Within INLIER_DISTANCE of the image conic, with a gradient across it.
     measures : (m,) int64
-        Within INLIER_SIGMA sigma of it, where sigma adds the edgel's own and the fit's; not at the end of a run. An
-        occluding contour that starts on a rim is still near it where it is a contour already.
+        Within GATE sigma of it, where sigma adds the edgel's own, the fit's and the curve's; not at the end of a run.
+        An occluding contour that starts on a rim is still near it where it is a contour already.
     """
     first, last = (0, seen.left_count) if side == 0 else (seen.left_count, len(seen.points))
     conic = image_conic(found.shape, seen, side)
@@ -521,16 +428,13 @@ def inliers(found: Fit, seen: Seen, side: int, wide: bool) -> tuple[IntArray, In
         return belongs, index
     distance, bias, rows = np.empty(len(index)), np.empty(len(index)), np.empty((len(index), 6))
     residuals(found.shape, seen, index, distance, bias, rows)
-    of_fit = min(found.rms, MAD_TO_SIGMA * np.median(np.abs(distance)))
+    sigma, of_fit = _sigma(seen, index), (MAD_TO_SIGMA * np.median(np.abs(distance))) ** 2
     measures = np.empty(len(index), np.int64)
     count = 0
     for k in range(len(index)):
-        variance = seen.sigma[index[k]] ** 2 + seen.bias[index[k]] ** 2 + of_fit**2
-        if wide:
-            rows[k, 5] /= found.shape.radii[0]
-            variance += rows[k] @ found.covariance @ rows[k]
-        limit = min(max(INLIER_SIGMA * np.sqrt(variance), LEAST_INLIER_DISTANCE), INLIER_DISTANCE)
-        if abs(distance[k]) < limit:
+        rows[k, 5] /= found.shape.radii[0]
+        variance = of_fit + sigma[k] ** 2 + rows[k] @ found.covariance @ rows[k]
+        if abs(distance[k]) < min(GATE * np.sqrt(variance), INLIER_DISTANCE):
             measures[count] = index[k]
             count += 1
     return belongs, measures[:count]
@@ -543,23 +447,18 @@ def visible_arc(shape: CurveShape, seen: Seen, index: IntArray) -> tuple[float, 
     Returns
     -------
     start, extent : float, radians
-        All but the longest gap between edgels. A gap of up to LONGEST_GAP_BINS bins is none.
+        All but the widest gap between edgels. A gap of up to LONGEST_GAP is none.
     coverage : float
-        Share of the bins of angle that hold an edgel.
+        Share of the curve outside such gaps.
     """
-    hit = np.zeros(ARC_BINS, np.bool_)
-    for angle in angles(shape, seen, index):
-        hit[int(np.floor(angle * ARC_BINS)) % ARC_BINS] = True
-    # Twice round, so that a gap over the start counts as one.
-    last, longest, run = 0, 0, 0
-    for k in range(2 * ARC_BINS):
-        run = 0 if hit[k % ARC_BINS] else run + 1
-        if run > longest:
-            last, longest = k, run
-    turn, coverage = 2.0 * np.pi / ARC_BINS, hit.sum() / ARC_BINS
-    if longest <= LONGEST_GAP_BINS:
+    angle = np.sort(2.0 * np.pi * angles(shape, seen, index))
+    gap = np.empty(len(angle))
+    gap[:-1], gap[-1] = np.diff(angle), angle[0] + 2.0 * np.pi - angle[-1]
+    coverage = 1.0 - gap[gap > LONGEST_GAP].sum() / (2.0 * np.pi)
+    widest = np.argmax(gap)
+    if gap[widest] <= LONGEST_GAP:
         return 0.0, 2.0 * np.pi, coverage
-    return turn * ((last + 1) % ARC_BINS), turn * (ARC_BINS - min(longest, ARC_BINS)), coverage
+    return angle[(widest + 1) % len(angle)], 2.0 * np.pi - gap[widest], coverage
 
 
 @njit
@@ -571,10 +470,8 @@ def is_line(shape: CurveShape, seen: Seen, side: int) -> bool:
 
 
 @njit(nogil=True)
-def recovered(
-    start: CurveShape, seen: Seen, chosen: IntArray, axis: Axis
-) -> tuple[Fit, IntArray, tuple[float, float, float]]:
-    """Fit a curve to chosen edgels, then to all its inliers: without an axis an ellipse if that is better.
+def recovered(start: CurveShape, seen: Seen, chosen: IntArray) -> tuple[Fit, IntArray, tuple[float, float, float]]:
+    """Fit a curve to chosen edgels, then to all its inliers: an ellipse, where a circle does not fit as stated.
 
     Parameters
     ----------
@@ -584,8 +481,6 @@ def recovered(
         All edgels of both images.
     chosen : (c,) int64
         Those that certainly belong to it.
-    axis : Axis
-        That it lies on, or none.
 
     Returns
     -------
@@ -595,18 +490,17 @@ def recovered(
     arc : (float, float, float)
         Start and extent of what is seen of it, radians, and its share.
     """
-    free = len(axis.frame) == 0
     circle = True
-    found = fit(start, True, seen, chosen, axis, ROUNDS)
-    if free and (not found.good or found.rms > GOOD_RMS):
-        other = fit(start, False, seen, chosen, axis, ROUNDS)
-        if other.good and (not found.good or other.rms**2 * ELLIPSE_GAIN < found.rms**2):
+    found = fit(start, True, seen, chosen)
+    if not found.misfit < MOST_MISFIT:
+        other = fit(start, False, seen, chosen)
+        if other.good:
             found, circle = other, False
     belongs = chosen
-    for turn in range(REFITS):
-        if not found.good or found.rms > INLIER_DISTANCE or found.shape.centre[2] <= 0.0:
+    for _ in range(REFITS):
+        if not found.good or found.shape.centre[2] <= 0.0:
             break
-        left, right = inliers(found, seen, 0, turn == 0 or not circle), inliers(found, seen, 1, turn == 0 or not circle)
+        left, right = inliers(found, seen, 0), inliers(found, seen, 1)
         if min(len(left[1]), len(right[1])) < LEAST_CURVE_EDGELS:
             return Fit(False, found.shape, found.covariance, np.inf, np.inf), chosen, (0.0, 0.0, 0.0)
         belongs, measuring = np.concatenate((left[0], right[0])), np.concatenate((left[1], right[1]))
@@ -614,12 +508,12 @@ def recovered(
         chosen = measuring
         if settled:
             break
-        found = fit(found.shape, circle, seen, chosen, axis, ROUNDS)
-        if free and circle and found.good and found.misfit > CIRCLE_MISFIT and found.rms > GOOD_RMS:
-            other = fit(found.shape, False, seen, chosen, axis, ROUNDS)
-            if other.good and other.rms**2 * ELLIPSE_GAIN < found.rms**2:
+        found = fit(found.shape, circle, seen, chosen)
+        if circle and found.good and found.misfit > MOST_MISFIT:
+            other = fit(found.shape, False, seen, chosen)
+            if other.good:
                 found, circle = other, False
     line = is_line(found.shape, seen, 0) or is_line(found.shape, seen, 1)
-    if found.rms > WORST_RMS or found.shape.centre[2] <= 0.0 or line:
+    if not found.misfit < MOST_MISFIT or found.shape.centre[2] <= 0.0 or line:
         found = Fit(False, found.shape, found.covariance, np.inf, np.inf)
     return found, belongs, visible_arc(found.shape, seen, chosen)

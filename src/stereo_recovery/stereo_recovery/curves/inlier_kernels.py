@@ -8,7 +8,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..detection.settings import LEAST_DIVISOR
-from .settings import ACROSS_COSINE, CLOSED_EDGELS, CORNER_EDGELS, RUN_GAP
+from .settings import ACROSS_COSINE, CORNER_EDGELS, LEAST_CURVE_EDGELS, RUN_GAP
 
 
 @njit
@@ -88,7 +88,7 @@ def without_ends(index: IntArray, position: FloatArray) -> IntArray:
     for k in range(1, len(index) + 1):
         if k < len(index) and index[k] == index[k - 1] + 1 and _step(position, index[k - 1], index[k]) <= RUN_GAP:
             continue
-        closed = k - first > CLOSED_EDGELS and _step(position, index[first], index[k - 1]) < RUN_GAP
+        closed = k - first > LEAST_CURVE_EDGELS and _step(position, index[first], index[k - 1]) < RUN_GAP
         cut = 0 if closed else CORNER_EDGELS
         for m in range(first + cut, k - cut):
             kept[count] = index[m]

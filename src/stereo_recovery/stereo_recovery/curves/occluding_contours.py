@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py import StereoRig
-from msgs_py.numeric.typed import BoolArray, FloatArray, Int8Array, Int32Array, IntArray
+from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, Int8Array, Int32Array, IntArray
 
 from ..detection.segments import Segments
-from ..detection.settings import LEAST_CHORD, LEAST_DIVISOR, LEAST_LENGTH
+from ..detection.settings import GATE, LEAST_DIVISOR, LEAST_LENGTH
 from . import settings
 from .curve import CameraView, Curve, camera_views, cross, image_conic
 
@@ -49,6 +49,14 @@ class CurvedSurface(NamedTuple):
     def is_cone(self) -> bool:
         """Whether the apex is a point at a finite distance."""
         return bool(self.apex[3] != 0.0)
+
+    @classmethod
+    def through(cls, rim: Curve, other: Curve) -> CurvedSurface:
+        """The cone through two coaxial rims; a cylinder, where their radii are equal."""
+        taper = rim.radii[0] - other.radii[0]
+        if taper == 0.0:
+            return cls.cylinder(rim)
+        return cls.cone(rim, rim.centre + (other.centre - rim.centre) * rim.radii[0] / taper)
 
     def image_of_apex(self, view: CameraView) -> FloatArray:
         """(3,) float64: homogeneous pixels."""
@@ -95,87 +103,6 @@ def tangents(conic: FloatArray, point: FloatArray) -> FloatArray:
     return lines / length[:, None] if (length > 0.0).all() else np.zeros((0, 3))
 
 
-@dataclass(frozen=True, eq=False)
-class _ContourDistances:
-    """How the n segments of an image lie to the two contours of a surface: rows are contours, columns segments.
-
-    Attributes
-    ----------
-    off : (2, n) float64
-        Pixels: distance from the contour's line beyond what is uncertain.
-    inside : (2, n) float64
-        Pixels: how far inside the segment the touching point is, negative beyond its end.
-    radius
-        Pixels, of the rim's image.
-    straight : (n,) bool
-        Segments that are long enough and no arcs.
-    length : (n,)
-        Pixels, of the segments.
-    before_apex : (2, n) bool
-        Whether the segment ends before a cone's apex.
-    """
-
-    off: FloatArray
-    inside: FloatArray
-    radius: float
-    straight: BoolArray
-    length: FloatArray
-    before_apex: BoolArray
-
-    def sides(self, distance: float, gap: float) -> Int8Array:
-        """(n,) int8: 1 or 2 for segments on one or the other contour, else 0; see :func:`contour_sides`."""
-        near = self._near(distance) & (-self.inside < gap * self.radius)
-        return np.where(near[1], 2, near[0]).astype(np.int8)
-
-    def sides_below_apex(self, distance: float) -> Int8Array:
-        """(n,) int8: the same for segments anywhere between the rim and the apex of a cone."""
-        near = self._near(distance) & self.before_apex
-        return np.where(near[1], 2, near[0]).astype(np.int8)
-
-    def _near(self, distance: float) -> BoolArray:
-        """(2, n) bool: segments along the contour's line that do not pass the touching point."""
-        return self.straight & (self.off < distance) & (self.inside < settings.MOST_INSIDE_SHARE * self.length)
-
-
-def _contour_distances(surface: CurvedSurface, segments: Segments, view: CameraView) -> _ContourDistances:
-    curve = surface.rim
-    straight = (segments.arc < 0) & (segments.length > LEAST_LENGTH)
-    none = np.full((2, len(segments)), np.inf)
-    nothing = _ContourDistances(none, none, 0.0, straight, segments.length, np.zeros(none.shape, bool))
-    if len(segments) == 0:
-        return nothing
-    conic = image_conic(curve, view)
-    apex = surface.image_of_apex(view)
-    lines = tangents(conic, apex)
-    if len(lines) == 0:
-        return nothing
-    # Contours are numbered by the side of the axis on which they are, so that both images number them alike.
-    centre = view.matrix @ (curve.centre - [view.x, 0.0, 0.0])
-    axis = cross(centre / centre[2], apex)
-    contact = np.linalg.solve(conic, lines.T).T
-    contact = contact[:, :2] / contact[:, 2:]
-    order = np.argsort(np.column_stack([contact, np.ones(2)]) @ axis)
-    lines, contact = lines[order], contact[order]
-    radius = np.sqrt(np.abs(np.linalg.det(conic) / np.linalg.det(conic[:2, :2])) / np.linalg.eigvalsh(conic[:2, :2])[0])
-    ends = (segments.start, segments.end)
-    off = np.maximum(*(np.abs(lines[:, :2] @ end.T + lines[:, 2:]) for end in ends))
-    abscissa = contact @ segments.direction.T - (segments.centre * segments.direction).sum(axis=1)
-    inside = np.minimum(abscissa - segments.extent[:, 0], segments.extent[:, 1] - abscissa)
-    # An error of the axis' direction turns the contour about the touching point.
-    far = np.maximum(abscissa - segments.extent[:, 0], segments.extent[:, 1] - abscissa)
-    line_sigma = segments.sigma[:, 0] + 0.5 * segments.length * segments.sigma[:, 1]
-    slack = np.minimum(line_sigma, settings.MOST_LINE_SIGMA) + np.minimum(
-        settings.BOUND_SIGMA * curve.tilt * far, settings.MOST_TURN
-    )
-    before = np.zeros(off.shape, bool)
-    if surface.is_cone and apex[2] > 0.0:
-        to_apex = apex[:2] / apex[2] - contact
-        height = np.maximum(np.hypot(to_apex[:, 0], to_apex[:, 1]), LEAST_CHORD)
-        up = np.maximum(*((end[None] - contact[:, None]) @ (to_apex / height[:, None])[..., None] for end in ends))
-        before = up[..., 0] < height[:, None] + settings.PAST_APEX
-    return _ContourDistances(off - slack, inside, float(radius), straight, segments.length, before)
-
-
 def contour_sides(surface: CurvedSurface, segments: Segments, view: CameraView) -> Int8Array:
     """Which straight segments of an image may show an occluding contour of a surface.
 
@@ -191,11 +118,97 @@ def contour_sides(surface: CurvedSurface, segments: Segments, view: CameraView) 
     Returns
     -------
     (n,) int8
-        1 or 2 for segments along one or the other contour that start near the rim, else 0. Both images number the two
-        contours alike.
+        1 or 2 for segments along one or the other contour, from the rim on and before the apex of a cone, else 0. Both
+        images number the two contours alike.
     """
-    distances = _contour_distances(surface, segments, view)
-    return distances.sides(settings.CONTOUR_DISTANCE, settings.CONTOUR_GAP)
+    conic, apex = image_conic(surface.rim, view), surface.image_of_apex(view)
+    lines = tangents(conic, apex)
+    if len(segments) == 0 or len(lines) == 0:
+        return np.zeros(len(segments), np.int8)
+    contact = np.linalg.solve(conic, lines.T).T
+    contact /= contact[:, 2:]
+    order = np.argsort(contact @ _image_of_axis(surface.rim, apex, view))
+    lines, contact = lines[order, :, None], contact[order, :2]
+    ends = np.stack([segments.start, segments.end])
+    off = np.abs(lines[:, 0] * ends[:, None, :, 0] + lines[:, 1] * ends[:, None, :, 1] + lines[:, 2]).max(axis=0)
+    low, high = _from_contact(segments, contact[:, None])
+    # An error of the axis' direction turns the contour about the touching point.
+    turn = surface.rim.tilt * np.maximum(np.abs(low), np.abs(high))
+    sigma = np.sqrt(_line_variance(segments, np.abs(segments.extent).max(axis=1)) + turn**2)
+    near = off < GATE * sigma
+    if surface.is_cone and apex[2] > 0.0:
+        tip = np.linalg.norm(apex[:2] / apex[2] - contact, axis=1)
+        near &= np.maximum(np.abs(low), np.abs(high)) < tip[:, None] + GATE * sigma
+    return _sides(near, low, high, segments, _image_radius(conic))
+
+
+def tangent_sides(curve: Curve, segments: Segments, view: CameraView) -> Int8Array:
+    """Which straight segments of an image leave a curve's image at a tangent.
+
+    Parameters
+    ----------
+    curve : Curve
+        Left optical frame.
+    segments : Segments
+        Of the image.
+    view : CameraView
+        The camera of the image.
+
+    Returns
+    -------
+    (n,) int8
+        1 or 2 by the side of the curve's axis, else 0.
+    """
+    if len(segments) == 0:
+        return np.zeros(0, np.int8)
+    conic = image_conic(curve, view)
+    centre = -np.linalg.solve(conic[:2, :2], conic[:2, 2])
+    shape = -np.linalg.det(conic) / np.linalg.det(conic[:2, :2]) * np.linalg.inv(conic[:2, :2])
+    across = np.stack([-segments.direction[:, 1], segments.direction[:, 0]], axis=1)
+    # Half the width of the ellipse across a segment's line; a tangent is so far from the centre.
+    width = np.sqrt(np.maximum(np.einsum('ni,ij,nj->n', across, shape, across), LEAST_DIVISOR))
+    offset = ((segments.centre - centre) * across).sum(axis=1)
+    touch = centre + (np.sign(offset) / width)[:, None] * (across @ shape)
+    low, high = _from_contact(segments, touch[None])
+    sigma = np.sqrt(_line_variance(segments, 0.5 * (low + high)[0]))
+    axis = _image_of_axis(curve, view.matrix @ curve.normal, view)
+    first = touch @ axis[:2] + axis[2] < 0.0
+    near = np.stack([first, ~first]) & (np.abs(np.abs(offset) - width) < GATE * sigma)
+    return _sides(near, low, high, segments, _image_radius(conic))
+
+
+def _from_contact(segments: Segments, contact: AnyArray) -> tuple[FloatArray, FloatArray]:
+    """(c, n) pixels: along their line, where n segments begin and end from touching points, (c, 1, 2) or (1, n, 2)."""
+    middle = ((contact - segments.centre) * segments.direction).sum(axis=2)
+    return segments.extent[:, 0] - middle, segments.extent[:, 1] - middle
+
+
+def _line_variance(segments: Segments, lever: FloatArray) -> FloatArray:
+    """Square pixels: of a contour's distance from the lines of segments, so far from their middles, pixels."""
+    return segments.sigma[:, 0] ** 2 + (segments.sigma[:, 1] * lever) ** 2 + settings.CONTOUR_SIGMA**2
+
+
+def _image_of_axis(rim: Curve, apex: FloatArray, view: CameraView) -> FloatArray:
+    """(3,) float64: the line through the images of a rim's centre and of an apex (3,), both homogeneous."""
+    centre = view.matrix @ (rim.centre - view.centre)
+    return cross(centre / centre[2], apex)
+
+
+def _sides(near: BoolArray, low: FloatArray, high: FloatArray, segments: Segments, radius: float) -> Int8Array:
+    """(n,) int8: 1 or 2 for straight segments near (2, n) one or the other contour that begin at the rim, else 0.
+
+    low, high : (c, n) pixels, of :func:`_from_contact`; radius : pixels, of the rim
+    """
+    near = near & (segments.arc < 0) & (segments.length > LEAST_LENGTH)
+    near &= np.minimum(-low, high) < settings.MOST_INSIDE_SHARE * segments.length
+    near &= np.maximum(low, -high) < settings.CONTOUR_GAP * radius
+    return np.where(near[1], 2, near[0]).astype(np.int8)
+
+
+def _image_radius(conic: FloatArray) -> float:
+    """Pixels: the major radius of an image conic (3, 3)."""
+    block = conic[:2, :2]
+    return float(np.sqrt(np.abs(np.linalg.det(conic) / np.linalg.det(block)) / np.linalg.eigvalsh(block)[0]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,28 +286,6 @@ def longest_contours(
     )
 
 
-def cylinder_contours(curve: Curve, segments: tuple[Segments, Segments], rig: StereoRig) -> Contours:
-    """The contours of the cylinder that a rim may bound.
-
-    Parameters
-    ----------
-    curve : Curve
-        The rim.
-    segments : (Segments, Segments)
-        Of the two images.
-    rig : StereoRig
-        The cameras.
-
-    Returns
-    -------
-    Contours
-        The longest segment on either contour in either image.
-    """
-    surface = CurvedSurface.cylinder(curve)
-    left, right = (contour_sides(surface, side, view) for side, view in zip(segments, camera_views(rig)))
-    return longest_contours((left, right), segments, rig)
-
-
 def on_contours(
     indices: tuple[IntArray | Int32Array, IntArray | Int32Array],
     segments: tuple[Segments, Segments],
@@ -320,18 +311,8 @@ def on_contours(
     """
     result = np.zeros(len(indices[0]), bool)
     for surface in surfaces:
-        both = [_contour_distances(surface, side, view) for side, view in zip(segments, camera_views(rig))]
-        usual, sure, loose = (
-            [distances.sides(distance, gap)[index] for distances, index in zip(both, indices)]
-            for distance, gap in (
-                (settings.CONTOUR_DISTANCE, settings.CONTOUR_GAP_BOTH),
-                (settings.SURE_CONTOUR_DISTANCE, settings.SURE_CONTOUR_GAP),
-                (settings.LOOSE_CONTOUR_DISTANCE, settings.CONTOUR_GAP),
-            )
+        left, right = (
+            contour_sides(surface, side, view)[index] for side, view, index in zip(segments, camera_views(rig), indices)
         )
-        result |= (usual[0] != 0) & (usual[0] == usual[1])
-        if surface.is_cone:
-            for distances, index in zip(both, indices):
-                result |= distances.sides_below_apex(settings.SURE_CONTOUR_DISTANCE)[index] != 0
-        result |= (sure[0] != 0) & (sure[0] == loose[1]) | (sure[1] != 0) & (sure[1] == loose[0])
+        result |= (left != 0) & (left == right)
     return result

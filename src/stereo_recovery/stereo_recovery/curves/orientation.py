@@ -13,9 +13,9 @@ import numpy as np
 
 from msgs_py.numeric.typed import FloatArray
 
-from ..detection.settings import LEAST_DIVISOR
+from ..detection.settings import GATE, LEAST_DIVISOR
 from . import settings
-from .curve import Curve, flipped
+from .curve import Curve, cross, flipped
 
 
 def near_side_only(curve: Curve) -> bool:
@@ -70,16 +70,16 @@ def oriented_by_faces(curves: Sequence[Curve], ends: FloatArray, err_per: FloatA
     list of Curve
         In the same order.
     """
-    result = []
-    for curve in curves:
-        if (
-            near_side_only(curve)
-            and curve.normal @ curve.centre > 0.0
-            and (_edge_behind(curve, ends, err_per) or any(_rim_behind(curve, c) for c in curves if c is not curve))
-        ):
-            curve = flipped(curve)
-        result.append(curve)
-    return result
+    # A rim that is seen on more than its near side counts as an edge that touches its far side.
+    rims = [curve for curve in curves if curve.arc[1] >= settings.PARTIAL_ARC]
+    ends = np.concatenate([ends, np.array([_far_tangent(curve) for curve in rims]).reshape(-1, 2, 3)])
+    err_per = np.append(err_per, [GATE * np.sqrt(np.trace(curve.covariance[:3, :3])) for curve in rims])
+    return [
+        flipped(curve)
+        if near_side_only(curve) and curve.normal @ curve.centre > 0.0 and _edge_behind(curve, ends, err_per)
+        else curve
+        for curve in curves
+    ]
 
 
 def _towards_camera(curve: Curve) -> FloatArray:
@@ -88,13 +88,12 @@ def _towards_camera(curve: Curve) -> FloatArray:
     return towards / max(float(np.linalg.norm(towards)), LEAST_DIVISOR)
 
 
-def _coplanar_limit(curve: Curve, distance: FloatArray) -> FloatArray:
-    """Metres: how far off the curve's plane points of that plane may be, by their distance from the centre, metres."""
-    along = settings.BOUND_SIGMA * np.sqrt(curve.normal @ curve.covariance[:3, :3] @ curve.normal)
-    radius = curve.radii[0]
-    limit = along + settings.BOUND_SIGMA * curve.tilt * distance + settings.COPLANAR * radius
-    nearest: FloatArray = np.minimum(limit, settings.MOST_COPLANAR * radius)
-    return nearest
+def _far_tangent(curve: Curve) -> FloatArray:
+    """(2, 3) float64, metres: a piece of the tangent at the point of a curve that is farthest from the camera."""
+    towards = _towards_camera(curve)
+    side = cross(curve.normal, towards)
+    tangent: FloatArray = curve.centre + curve.radii[0] * np.stack([side - towards, -side - towards])
+    return tangent
 
 
 def _edge_behind(curve: Curve, ends: FloatArray, err_per: FloatArray) -> bool:
@@ -102,25 +101,13 @@ def _edge_behind(curve: Curve, ends: FloatArray, err_per: FloatArray) -> bool:
 
     The edge's line is what counts: an edge that runs into the near side of the rim may have its far end behind it.
     """
-    if len(ends) == 0:
-        return False
     run = ends - curve.centre
-    distance = np.linalg.norm(run, axis=2)
-    coplanar = (np.abs(run @ curve.normal) < _coplanar_limit(curve, distance) + err_per[:, None]).all(axis=1)
+    turn = np.hypot(curve.tilt, settings.TURNED_SIGMA) * np.linalg.norm(run, axis=2)
+    of_centre = curve.normal @ curve.covariance[:3, :3] @ curve.normal
+    sigma = np.sqrt(of_centre + turn**2 + (err_per[:, None] / GATE) ** 2)
+    coplanar = (np.abs(run @ curve.normal) < GATE * sigma).all(axis=1)
     along = ends[:, 1] - ends[:, 0]
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), LEAST_DIVISOR)
     across = run[:, 0] - (run[:, 0] * along).sum(axis=1, keepdims=True) * along
-    offset = np.linalg.norm(across, axis=1)
-    behind = -(across @ _towards_camera(curve)) > settings.BEHIND_COSINE * offset
-    return bool((coplanar & behind & (offset > settings.BEHIND_OFFSET * curve.radii[0])).any())
-
-
-def _rim_behind(curve: Curve, other: Curve) -> bool:
-    """Whether another rim in the curve's plane, seen on more than its near side, reaches behind the curve."""
-    run = other.centre - curve.centre
-    distance = np.linalg.norm(run) + other.radii[0]
-    off_plane = abs(run @ curve.normal) + other.radii[0] * np.linalg.norm(np.cross(curve.normal, other.normal))
-    if off_plane > _coplanar_limit(curve, distance):
-        return False
-    far = -(run @ _towards_camera(curve)) + other.radii[0]
-    return bool(other.arc[1] >= settings.PARTIAL_ARC and far > settings.BEHIND_RING * curve.radii[0])
+    behind = -(across @ _towards_camera(curve)) > settings.BEHIND * curve.radii[0]
+    return bool((coplanar & behind).any())

@@ -17,7 +17,7 @@ from ..detection.segments import Segments
 from ..matching.matches import Matches
 from ..stopwatch import Late, never
 from . import settings, start_kernels
-from .axis_constraint import made_parallel, refitted_on_axes
+from .axis_constraint import held
 from .curve import Curve
 from .fit import is_determined, of_fit
 from .initialisation import ArcPair, arc_pairs
@@ -69,14 +69,13 @@ def recover_curves(
                 found.append(curve)
             else:
                 vague.append((curve, pair))
-    known = [curve for curve in found if curve.tilt < settings.AXIS_TILT]
-    found = [refitted_on_axes(curve, known, edgels) for curve in found]
+    known = list(found)
     for curve, pair in vague:
         if not (late() or _is_explained(pair, found)):
-            curve = refitted_on_axes(curve, known, edgels)
-            if is_determined(curve) and _is_clear(curve, pair):
+            curve = held(curve, known)
+            if is_determined(curve):
                 found.append(curve)
-    return [made_parallel(curve, known) for curve in found]
+    return [held(curve, known) for curve in found]
 
 
 def _is_explained(pair: ArcPair, curves: Iterable[Curve]) -> bool:
@@ -86,11 +85,14 @@ def _is_explained(pair: ArcPair, curves: Iterable[Curve]) -> bool:
 
 
 def _is_clear(curve: Curve, pair: ArcPair) -> bool:
-    """Whether a curve has most edgels of its arcs, and one of which only one image shows an arc fits as these state."""
+    """Whether a curve has most edgels of its arcs, and most of its own arc has edgels.
+
+    One of which only one image shows an arc has to fit as its edgels state.
+    """
     return (
-        (pair.is_pair or (curve.misfit < settings.CIRCLE_MISFIT and curve.rms < settings.GOOD_RMS))
-        and curve.coverage > settings.LEAST_COVERAGE
-        and min(pair.shares_on(curve)) > settings.MOST_OF_ARC
+        (pair.is_pair or curve.misfit < 1.0)
+        and min(pair.shares_on(curve)) > settings.SHARED_EDGELS
+        and 2.0 * np.pi * curve.coverage > settings.SHARED_EDGELS * curve.arc[1]
     )
 
 

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from msgs_py.numeric.typed import BoolArray, FloatArray
+from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
-from . import settings, sphere_kernels
+from ..detection.settings import CAUCHY, CORRELATION_LENGTH, GATE, LEAST_DIVISOR
+from . import settings
+from .agreement import agrees
 from .curve import CameraView, Curve
 from .fit import distances
 from .inlier_kernels import on_conic
@@ -40,36 +42,50 @@ def without_spheres(curves: list[Curve], edgels: StereoEdgels) -> list[Curve]:
 
 def _shows(curve: Curve, left: BoolArray, right: BoolArray) -> bool:
     """Whether most of a curve's edgels are on a sphere's contours, given as masks over all edgels."""
-    return bool(left[curve.left].mean() > settings.SPHERE_SHARE and right[curve.right].mean() > settings.SPHERE_SHARE)
+    return bool(min(left[curve.left].mean(), right[curve.right].mean()) > settings.SHARED_EDGELS)
 
 
 def _sphere(curve: Curve, edgels: StereoEdgels) -> FloatArray | None:
-    """(4,) float64, metres, left frame: centre and radius of the sphere that explains a curve's edgels about as well.
+    """(4,) float64, metres, left frame: centre and radius of the sphere that explains a curve's edgels as well.
 
     None when no sphere does.
     """
-    rig = edgels.rig
-    middle = curve.centre - [0.5 * rig.baseline, 0.0, 0.0]
-    mostly = curve.coverage > settings.MOSTLY_SEEN
-    facing = settings.WHOLE_FACING_COSINE if mostly else settings.FACING_COSINE
-    is_oval = curve.radii[1] < settings.FACING_COSINE * curve.radii[0]
-    if is_oval or abs(curve.normal @ middle) < facing * np.linalg.norm(middle):
-        return None
-    if min(int(curve.left.sum()), int(curve.right.sum())) < settings.LEAST_CURVE_EDGELS:
-        return None
+    middle = curve.centre - [0.5 * edgels.rig.baseline, 0.0, 0.0]
     index = np.flatnonzero(np.concatenate([curve.left, curve.right]))
-    seen = edgels.seen
-    sigma = seen.sigma[index]
-    start = np.append(curve.centre, curve.radii.mean())
-    sphere: FloatArray = sphere_kernels.fitted(start, float(curve.radii[0]), seen, index)
-    distance = float(np.linalg.norm(sphere[:3]))
-    if not (sphere[3] > 0.0 and distance > settings.LEAST_SPHERE_DISTANCE * sphere[3] and sphere[2] > 0.0):
+    if len(index) == 0 or abs(curve.normal @ middle) < settings.FACING_COSINE * np.linalg.norm(middle):
         return None
-    of_curve = distances(curve, edgels, index)
-    of_sphere = sphere_kernels.distances(sphere, seen, index)
-    most = settings.SPHERE_TRUNCATION**2
-    cost, curve_cost = (np.minimum((off / sigma) ** 2, most).sum() for off in (of_sphere, of_curve))
-    return sphere if cost < settings.SPHERE_COST_FACTOR * curve_cost else None
+    sigma, sphere = edgels.seen.sigma[index], np.append(curve.centre, curve.radii.mean())
+    for _ in range(settings.ROUNDS):
+        off, rows = _distances(sphere, edgels, index)
+        weight = 1.0 / (sigma**2 + (off / CAUCHY) ** 2)
+        sphere = sphere - np.linalg.lstsq(rows.T @ (weight[:, None] * rows), rows.T @ (weight * off), rcond=None)[0]
+        if not 0.0 < sphere[3] < sphere[2]:
+            return None
+    of_sphere, of_curve = (
+        float(np.minimum((off / sigma) ** 2, GATE**2).sum())
+        for off in (_distances(sphere, edgels, index)[0], distances(curve, edgels, index))
+    )
+    # Two parameters less; edgels that are alike count as one, and the scale is what the curve leaves.
+    worse = (of_sphere - of_curve) / (of_curve + LEAST_DIVISOR) * len(index) / CORRELATION_LENGTH
+    return sphere if agrees(np.sqrt([max(worse, 0.0)]), np.eye(1), 2) else None
+
+
+def _distances(sphere: FloatArray, edgels: StereoEdgels, index: IntArray) -> tuple[FloatArray, FloatArray]:
+    """(k,) pixels: of edgels from the contours of a sphere (4,), without the bias of smoothing; (k, 4) derivatives."""
+    seen = edgels.seen
+    is_right = index >= seen.left_count
+    camera, points = seen.cameras[is_right.astype(int)], seen.points[index]
+    sight = np.column_stack([(points - camera[:, 2:]) / camera[:, :2], np.ones(len(index))])
+    centre = sphere[:3] - np.outer(is_right, [seen.baseline, 0.0, 0.0])
+    # The cone of sight: (c c - r r) s s = (c s)^2 of lines of sight s.
+    square, along = (sight * sight).sum(axis=1), (centre * sight).sum(axis=1)
+    touching = (centre * centre).sum(axis=1) - sphere[3] ** 2
+    slope = 2.0 * (touching[:, None] * sight - along[:, None] * centre)[:, :2] / camera[:, :2]
+    steep = np.hypot(slope[:, 0], slope[:, 1]) + LEAST_DIVISOR
+    bias = 0.5 * seen.blur * sphere[2] / (camera[:, 0] * sphere[3])
+    by_centre = 2.0 * (square[:, None] * centre - along[:, None] * sight)
+    rows = np.column_stack([by_centre, -2.0 * sphere[3] * square]) / steep[:, None]
+    return (touching * square - along * along) / steep + bias, rows
 
 
 def _contour_conic(sphere: FloatArray, view: CameraView) -> FloatArray:

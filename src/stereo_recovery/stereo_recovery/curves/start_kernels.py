@@ -10,21 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
+from msgs_py.numeric.typed import FloatArray, IntArray
 
 from .curve import CurveShape
-from .fit_kernels import Axis, Fit, fit, recovered, residuals, solve
+from .fit_kernels import Fit, fit, recovered, solve
 from .observations import Seen
-from .settings import (
-    DISPARITY_SCALE,
-    GOOD_RMS,
-    INLIER_DISTANCE,
-    INLIER_SIGMA,
-    PLANE_ROUNDS,
-    ROUNDS,
-    SAME_PLANE_COSINE,
-    SLOPE_RIDGE,
-)
+from .settings import DISPARITY_SCALE, ROUNDS, SAME_PLANE_COSINE, SLOPE_RIDGE
 
 
 @njit
@@ -66,7 +57,7 @@ def plane_of_samples(samples: FloatArray, seen: Seen) -> FloatArray:
     weights = np.ones(len(samples))
     told = np.zeros((3, 1))
     row = np.ones(3)
-    for _ in range(PLANE_ROUNDS):
+    for _ in range(ROUNDS):
         matrix = np.zeros((3, 3))
         matrix[0, 0] = matrix[1, 1] = SLOPE_RIDGE * len(samples)
         told[:] = 0.0
@@ -185,35 +176,13 @@ def circles_of_ellipse(conic: FloatArray, samples: FloatArray, seen: Seen, side:
     return found
 
 
-@njit
-def _cost(shape: CurveShape, seen: Seen, index: IntArray) -> float:
-    """Sum of the truncated residuals of edgels (k,), ascending."""
-    distance, bias = np.empty(len(index)), np.empty(len(index))
-    residuals(shape, seen, index, distance, bias, np.empty((0, 0)))
-    total = 0.0
-    for k in range(len(index)):
-        limit = INLIER_SIGMA * np.hypot(seen.sigma[index[k]], seen.bias[index[k]]) + GOOD_RMS
-        total += min(abs(distance[k]) / limit, 1.0)
-    return total
-
-
-@njit
-def _union(mask: BoolArray, first: IntArray, second: IntArray, third: IntArray) -> IntArray:
-    """(k,) int64: numbers that any of three arrays has, ascending; mask : (n,) scratch."""
-    mask[:] = False
-    for numbers in (first, second, third):
-        for k in numbers:
-            mask[k] = True
-    return np.flatnonzero(mask)
-
-
 @njit(nogil=True)
 def free_curve(
     conics: FloatArray, sides: IntArray, samples: FloatArray, index: IntArray, seen: Seen
 ) -> tuple[Fit, IntArray, tuple[float, float, float]]:
     """The curve that arcs show, from the best of the starts and from the best in another plane.
 
-    Two planes may fit one arc alike; all the edgels that either curve has decide between them.
+    Two planes may fit one arc alike; the curve that has more edgels of all decides between them.
 
     Parameters
     ----------
@@ -231,7 +200,6 @@ def free_curve(
     -------
     As of :func:`.fit_kernels.recovered`.
     """
-    none = Axis(np.zeros((0, 3)), np.zeros((2, 2)), 1.0)
     starts = circles_of_ellipse(conics[0], samples, seen, sides[0])
     for k in range(1, len(conics)):
         starts += circles_of_ellipse(conics[k], samples, seen, sides[k])
@@ -241,8 +209,8 @@ def free_curve(
             starts.append(start)
     rms = np.full(len(starts), np.inf)
     for k in range(len(starts)):
-        found = fit(starts[k], True, seen, index, none, ROUNDS, True)
-        if found.good and found.rms < INLIER_DISTANCE:
+        found = fit(starts[k], True, seen, index, True)
+        if found.good:
             starts[k], rms[k] = found.shape, found.rms
     best = Fit(False, _nowhere(), np.zeros((6, 6)), np.inf, np.inf), index, (0.0, 0.0, 0.0)
     tried = 0
@@ -254,12 +222,9 @@ def free_curve(
         elif abs((starts[k].normal * plane).sum()) >= SAME_PLANE_COSINE:
             continue
         tried += 1
-        other = recovered(starts[k], seen, index, none)
+        other = recovered(starts[k], seen, index)
         if not other[0].good:
             continue
-        if best[0].good:
-            some = _union(np.empty(len(seen.points), np.bool_), index, best[1], other[1])
-            if _cost(best[0].shape, seen, some) <= _cost(other[0].shape, seen, some):
-                continue
-        best = other
+        if not best[0].good or len(other[1]) > len(best[1]):
+            best = other
     return best
