@@ -220,7 +220,7 @@ def damp(normal: FloatArray) -> None:
     for i in range(6):
         trace += normal[i, i]
     for i in range(6):
-        normal[i, i] += NOT_ZERO * trace
+        normal[i, i] += ROUNDING * trace
 
 
 @njit
@@ -307,7 +307,6 @@ def covariances(normals: FloatArray, chi: FloatArray, levers: FloatArray, size: 
             for j in range(6):
                 scaled[i, j] = normals[k, i, j] * units[i] * units[j]
         values, vectors = np.linalg.eigh(scaled)
-        # What is damped (see damp) is below it, and still seen to be free.
         floor = values[5] * ROUNDING
         x, y, z = levers[k, 0], levers[k, 1], levers[k, 2]
         for j in range(6):
