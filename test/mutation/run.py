@@ -43,6 +43,8 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 PAGE = HERE / 'SURVIVORS.md'
 RESULTS = HERE / 'results.json'
+# Of changes that no test can tell from the original: why, by file, line and change. They count as survivors as well.
+EQUIVALENT = HERE / 'equivalent.json'
 # Seconds of CPU time that a test may take interpreted; more, and it is left out of the run.
 TEST_LIMIT_S = 3.0
 # Seconds of tests for one mutant: the quickest of those that execute the changed line.
@@ -300,7 +302,8 @@ def page(results: dict[str, Any]) -> str:
         '# Mutants that no test noticed',
         '',
         'Written by `make mutants` (`test/mutation/run.py`, which says what a mutant is and how it is tried). Each is',
-        'a test that is missing, or a change that changes nothing that could be told.',
+        'a test that is missing, or a change that changes nothing that could be told; of those it is said why, but',
+        'they count as not noticed all the same.',
         '',
         '| area | mutants tried | of | seed | noticed | date |',
         '| --- | --- | --- | --- | --- | --- |',
@@ -310,13 +313,16 @@ def page(results: dict[str, Any]) -> str:
         f'| {one["date"]} |'
         for name, one in results.items()
     ]
+    known = json.loads(EQUIVALENT.read_text(encoding='utf-8'))
     for name, one in results.items():
-        lines += ['', f'## {name}', '', '| where | was | became |', '| --- | --- | --- |']
-        lines += [
-            f'| `{Path(survivor["file"]).name}:{survivor["line"]}` | `{_cell(survivor["before"])}` '
-            f'| `{_cell(survivor["after"])}`{"" if survivor["tests"] else " (no test runs it)"} |'
-            for survivor in one['survivors']
-        ]
+        lines += ['', f'## {name}', '', '| where | was | became | why nothing tells |', '| --- | --- | --- | --- |']
+        for survivor in one['survivors']:
+            file = Path(survivor['file']).name
+            why = known.get(f'{file}:{survivor["line"]}: {survivor["before"]} -> {survivor["after"]}', '')
+            if not survivor['tests']:
+                why = 'no test runs it'
+            before, after = (_cell(survivor[key]) for key in ('before', 'after'))
+            lines.append(f'| `{file}:{survivor["line"]}` | `{before}` | `{after}` | {why} |')
     return '\n'.join(lines) + '\n'
 
 

@@ -96,14 +96,30 @@ def test_ranges_agree_with_dense_sampling_to_1e_9(seed):
 def test_directions_between_segments_that_touch(middle, half, direction1, direction2):
     """There is none where they touch; all others are in the range, and in the plane of the two lines."""
     a, b = row([0, 0, 0], [1, 0, 0], 1.0), row(middle, [0, 1, 0], half)
+    expected = [*direction1, *direction2, np.pi / 2, np.pi / 2]
     out = ranges(a, b)
     assert out[0] == pytest.approx(0.0, abs=1e-12)
-    np.testing.assert_allclose(out[4:10], [*direction1, *direction2, np.pi / 2, np.pi / 2], atol=1e-12)
+    np.testing.assert_allclose(out[4:10], expected, atol=1e-12)
+    # Anywhere else they touch up to rounding, and the vector that is left has no direction either.
+    for seed in range(5):
+        pose = random_pose(np.random.default_rng(seed))
+        moved = (row(pose.apply(one[:3]), pose.rotation @ one[3:6], one[6]) for one in (a, b))
+        np.testing.assert_allclose(ranges(*moved)[4:10], expected, atol=1e-7)
     _, _, between = sampled(a, b, 41)
     between = between[np.linalg.norm(between, axis=-1) > 1e-6]
     for at, axis in ((4, a[3:6]), (6, b[3:6])):
         measured = angle(between, axis)
         assert measured.min() >= out[at] - 1e-9 and measured.max() <= out[at + 1] + 1e-9
+
+
+def test_two_centres_at_one_place_may_have_any_direction_between_them():
+    """Where there is no vector at all, nothing is said of its angles; where there is one, it has one angle."""
+    a, b = row([0.1, 0.2, 0.3], [1, 0, 0], 0.0), row([0.1, 0.2, 0.3], [0, 1, 0], 0.0)
+    np.testing.assert_allclose(ranges(a, b)[[0, 1, 4, 5, 6, 7]], [0.0, 0.0, 0.0, np.pi, 0.0, np.pi], atol=1e-12)
+    b[:3] += [0.3, 0.4, 0.0]
+    out = ranges(a, b)
+    np.testing.assert_allclose(out[[0, 1]], 0.5)
+    np.testing.assert_allclose(out[[4, 5, 6, 7]], np.arccos([0.6, 0.6, 0.8, 0.8]))
 
 
 def test_two_edges_whose_normal_is_certain_are_on_no_parallel_pair():

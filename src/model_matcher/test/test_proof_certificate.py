@@ -10,6 +10,7 @@ from model_matcher.geometry.pose_rows import as_motion
 from model_matcher.model.problem import make_problem
 from model_matcher.params import MatchResult
 from model_matcher.proof.certificate import certify, prove, prove_problem
+from model_matcher.proof.warm_up import compile_kernels
 from msgs_py import BIN, FeatureSet, Interpretation, Pose
 from msgs_py.numeric.deadline import Deadline
 
@@ -17,6 +18,12 @@ PARAMS = MatchParams(fracdev=1e-3, min_matched=4)
 STATS = {'proof_branches', 'proof_pairings', 'proof_seconds'}
 POSE = Pose.from_rotation_vector([0.2, -0.1, 0.4], [0.01, 0.02, 0.5])
 ELSEWHERE = Pose.from_rotation_vector([-0.5, 0.3, 0.1], [0.6, -0.3, 0.8])
+
+
+@pytest.fixture(scope='module', autouse=True)
+def _compiled():
+    """What is compiled anew takes longer than these deadlines on a machine that does other work."""
+    compile_kernels()
 
 
 @cache

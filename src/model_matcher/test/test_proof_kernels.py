@@ -540,7 +540,7 @@ def test_the_halves_of_a_cube_are_eight_and_fill_it():
 def test_the_cubes_that_hold_no_turn_of_the_region_are_left_out():
     """A ball of radius 1, and cubes of half side 0.5 about (k, 0, 0): the ball about a half cube reaches 0.866 / 2."""
     out, half = np.zeros((8, 4)), 0.5 * np.sqrt(3.0) * 0.5
-    for place, count in ((0.0, 8), (1.0, 8), (1.4, 4), (1.8, 0)):
+    for place, count in ((0.0, 8), (1.0, 8), (1.4, 4), (1.63, 4), (1.65, 0)):
         assert _halved(np.array([place, 0.0, 0.0, 0.5]), 1.0, out) == count
         near, far = (np.linalg.norm([place + side * 0.25, 0.25, 0.25]) <= 1.0 + half for side in (-1, 1))
         assert count == 4 * near + 4 * far

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from model_matcher import MatchParams, index_model
+from model_matcher.geometry.settings import ROUNDING
 from model_matcher.model.problem import make_problem
 from model_matcher.proof.arc_consistency import Nodes
 from model_matcher.proof.branch_and_bound import BranchAndBound, GivenUp, Larger, Region
@@ -75,9 +76,9 @@ class TestFirstRegions:
         """Lemma 9."""
         cones = np.array([0.04, 0.07])
         tree = tree_of(crossing(angle), cones=cones, seen=crossing(angle + off))
-        chords = np.sin((cones + 0.5 * abs(off)) / 2.0)
-        expected = 2.0 * np.arcsin(np.sqrt((chords**2).sum() / (1.0 - np.cos(angle))))
-        assert min(turn for _, turn in tree.first_regions(TWO, TWO)) == pytest.approx(expected, rel=1e-6)
+        chords = np.sin((cones + 0.5 * abs(off) + ROUNDING) / 2.0)
+        expected = 2.0 * np.arcsin(np.sqrt((chords**2).sum() / (1.0 - np.cos(angle)))) + ROUNDING
+        assert min(turn for _, turn in tree.first_regions(TWO, TWO)) == pytest.approx(expected, abs=1e-12)
 
     def test_an_angle_off_by_more_than_both_cones_has_none(self):
         for share, count in ((0.999, 2), (1.001, 0)):

@@ -115,6 +115,39 @@ def test_a_bound_holds_about_a_step_that_is_not_the_lowest(weak):
     assert is_lemma_6(bound, residuals, weights, 0.5, 0.7) >= 0.0
 
 
+@pytest.mark.parametrize('share', [1.0, 0.01])
+@pytest.mark.parametrize('way', [1.0, -1.0])
+def test_what_bends_all_one_way_is_that_of_lemma_6_however_light_it_is(share, way):
+    """The least eigenvalue of the bend is above one, between none and one, or below."""
+    residuals, weights = some_residuals(5, 9, 1.0, 0.3, 1.0), np.full(9, share)
+    residuals.values[:, 0] = 1.15
+    residuals.values[:, 1] = 0.0
+    residuals.jacobian[:, 0] = 0.0
+    residuals.bends[:] = 0.0
+    residuals.bends[:, 0, [0, 2, 5]] = way * np.array([0.2, 0.25, 0.3])
+    bound = feasibility._bound(residuals, weights, 0.9, 0.7)
+    is_lemma_6(bound, residuals, weights, 0.9, 0.7)
+
+
+@pytest.mark.parametrize('lever', [1.0, 6.0])
+@pytest.mark.parametrize('turn', [0.3, 0.9])
+def test_a_set_that_is_known_not_to_bend_is_excluded_by_the_third_order(lever, turn):
+    """Nothing holds the turn; residuals are just below and just above what a sixth of its cube can be."""
+    for share, reach in ((0.9999, turn), (1.0001, -1.0)):
+        residuals = some_residuals(7, 6, 0.0, 0.0)
+        residuals.levers[:] = lever
+        residuals.values[:, 0], residuals.values[:, 1] = share * (1.0 + lever * turn**3 / 6.0), 0.0
+        assert feasibility._bound(residuals, np.ones(6), turn, 0.7).reach == pytest.approx(reach)
+
+
+def test_rounding_widens_what_the_weights_allow():
+    """Four blocks without a residual: the sum is at most four, and what rounding may add."""
+    residuals = some_residuals(6, 6, 1.0, 0.0)
+    residuals.values[:], residuals.levers[:] = 0.0, 0.0
+    bound = feasibility._bound(residuals, np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0]), 0.9, 0.7)
+    assert bound.room == pytest.approx(4.0 * (1.0 + 1e-9), rel=1e-13)
+
+
 def test_what_no_residual_holds_back_turns_as_far_as_the_region():
     """Nothing tells the turn about the third axis: the ellipsoid has no bound there, the region has."""
     residuals = some_residuals(1, 9, 30.0, 0.0, 0.01)
@@ -320,6 +353,10 @@ class TestApproach:
         assert not none and step[0] == pytest.approx(5.0, abs=0.4)
         squares = np.empty(2)
         assert feasibility._squared_norms(residuals, step, squares) <= MINIMAX.below_one
+
+    def test_what_no_step_changes_is_left_open(self):
+        residuals = some_residuals(0, 7, 0.0, 0.0, 9.0)
+        assert not approach(residuals)[0] and not approach(residuals, turn=0.5)[0]
 
     def test_springs_that_pull_apart_by_more_than_two_have_no_common_step(self):
         for apart, none in ((0.99, False), (1.01, True)):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from msgs_py import commands
-from msgs_py.commands import add_json, as_text, run_command
+from msgs_py.commands import CommandParser, add_json, as_text, run_command
 
 
 class Colour(enum.Enum):
@@ -102,3 +102,14 @@ def test_everything_has_its_form_in_json():
         'path': str(Path('a/b')),
         'pair': [1, 'text'],
     }
+
+
+@pytest.mark.parametrize('as_json', [True, False])
+def test_an_option_that_is_wrong_is_an_object_where_json_is_asked_for(capsys, as_json):
+    parser = CommandParser(prog='find')
+    add_json(parser)
+    with pytest.raises(SystemExit) as ended:
+        parser.parse_args(['--depth', *(['--json'] if as_json else [])])
+    out, err = capsys.readouterr()
+    assert ended.value.code == 2 and err.startswith('find: ') and 'usage: find' in err
+    assert (json.loads(out)['error'] in err) if as_json else out == ''

@@ -311,6 +311,12 @@ def _growth(normal: FloatArray, inverse: FloatArray, turn: float, shift: float) 
 
 
 @njit
+def _length(vector: FloatArray) -> float:
+    """Of a vector (3,)."""
+    return float(np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2))
+
+
+@njit
 def _least_eigenvalue(lower: FloatArray) -> float:
     """A lower bound of the eigenvalues of a symmetric matrix (3, 3); the rows of its lower triangle are given (6,)."""
     mean = (lower[0] + lower[2] + lower[5]) / 3.0
@@ -365,12 +371,11 @@ def _bound(residuals: _Residuals, weights: FloatArray, turn: float, shift: float
             for p in range(6):
                 slope[p] += 2.0 * weights[b] * value * residuals.jacobian[b, k, p]
                 bend[p] += weights[b] * value * residuals.bends[b, k, p]
-    far = np.sqrt(lowest[0] ** 2 + lowest[1] ** 2 + lowest[2] ** 2)
-    most_turn = turn + far
-    most_shift = shift + np.sqrt(lowest[3] ** 2 + lowest[4] ** 2 + lowest[5] ** 2)
+    far = _length(lowest[:3])
+    most_turn, most_shift = turn + far, shift + _length(lowest[3:])
     for p in range(6):
         cost -= abs(slope[p]) * (most_turn if p < 3 else most_shift)
-    square, rest, grown = 0.0, 0.0, 0.0
+    square, rest, grown = 0.0, np.inf, 0.0
     if solved:
         square, rest = _growth(normal, inverse, most_turn, most_shift)
         grown = 1.0 / max(square, NOT_ZERO**2)
@@ -387,7 +392,7 @@ def _bound(residuals: _Residuals, weights: FloatArray, turn: float, shift: float
         if bent < 0.0 or room_here < 0.0 or rises**2 > room_here:
             continue
         reach, room = high, max(room, room_here)
-    radius = min(np.sqrt(square * room) + rest, reach + far) if solved else reach + far
+    radius = min(np.sqrt(square * room) + rest, reach + far)
     return _Bound(lowest, normal, inverse, room, most_turn, most_shift, reach, radius)
 
 
@@ -468,8 +473,7 @@ def _line_search(
 @njit
 def _bent(residuals: _Residuals, step: FloatArray) -> float:
     """The most that a squared residual of one may be linearly, when it is bent by as much as a step (6,) does."""
-    square = step[0] ** 2 + step[1] ** 2 + step[2] ** 2
-    return float((1.0 + 0.5 * residuals.levers.max() * square) ** 2)
+    return float((1.0 + 0.5 * residuals.levers.max() * _length(step[:3]) ** 2) ** 2)
 
 
 @njit
@@ -666,7 +670,7 @@ def refute(motion: FloatArray, turn: float, a: IntArray, i: IntArray, sample: Sa
                 weights[k] = fit.weights[BLOCKS * k : BLOCKS * k + BLOCKS].sum() / total
             return INFEASIBLE
         _follow(tried, centre, step)
-        reach += np.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2) + ROUNDING
+        reach += _length(step[:3]) + ROUNDING
         if (step**2).sum() < MINIMAX.settled**2:
             break
     return OPEN
@@ -928,14 +932,8 @@ def least_squares_pose(motion: FloatArray, assignment: Int32Array, sign: Int8Arr
     """Least-squares pose of an assignment (n,), in place. Fills sign (n,)."""
     data, model = sample.data, sample.model
     n = data.shape[0]
-    normal, right, step, centre = np.zeros((6, 6)), np.zeros(6), np.zeros(6), np.zeros(3)
-    matched = 0
-    for k in range(n):
-        if assignment[k] >= 0:
-            matched += 1
-            for axis in range(3):
-                centre[axis] += data[k, axis]
-    centre /= max(matched, 1)
+    normal, right, step = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
+    centre = _centroid(sample, np.flatnonzero(assignment >= 0))
     features = DataFeatures(data, sample.kinds, sample.tolerances, 0.0)
     for _ in range(MINIMAX.newton):
         for k in range(n):
