@@ -21,7 +21,7 @@ from ..model.settings import SEARCH_WIDTH
 from ..params import MatchParams
 from .evidence import Planes, evidence, plane_table
 from .false_alarms import needed_evidence
-from .settings import NEARLY_ALL
+from .settings import KEEP
 
 
 class Refined(NamedTuple):
@@ -115,7 +115,7 @@ def refine_all(
     motions: np.ndarray,
     scores: np.ndarray,
     params: MatchParams,
-    keep: float = NEARLY_ALL,
+    keep: float = KEEP,
     deadline: Deadline | None = None,
 ) -> Refined:
     """Refine candidate poses.

@@ -13,6 +13,9 @@ from typing import NamedTuple
 
 # Candidate poses that a search keeps, and that are refined; more where many are nearly as good as the best.
 CANDIDATES = 16
+# Candidates within this part of the best score are refined, and all of them where that leaves doubt: one feature that
+# belongs to another thing must not keep the right pose from being looked at.
+KEEP = 0.6
 
 # -- the line of sight -----------------------------------------------------------------------------------------------
 
