@@ -17,7 +17,7 @@ from msgs_py import StereoRig
 from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, Int8Array, Int32Array, IntArray
 
 from ..detection.segments import Segments
-from ..detection.settings import GATE, LEAST_DIVISOR, REACH
+from ..detection.settings import GATE, LEAST_DIVISOR, LEAST_LENGTH
 from . import settings
 from .curve import CameraView, Curve, camera_views, cross, image_conic
 
@@ -199,7 +199,7 @@ def _sides(near: BoolArray, low: FloatArray, high: FloatArray, segments: Segment
 
     low, high : (c, n) pixels, of :func:`_from_contact`; radius : pixels, of the rim
     """
-    near = near & (segments.arc < 0) & (segments.length > REACH)
+    near = near & (segments.arc < 0) & (segments.length > LEAST_LENGTH)
     near &= np.minimum(-low, high) < settings.MOST_INSIDE_SHARE * segments.length
     near &= np.maximum(low, -high) < settings.CONTOUR_GAP * radius
     return np.where(near[1], 2, near[0]).astype(np.int8)

@@ -7,7 +7,7 @@ import numpy as np
 
 from msgs_py.numeric.typed import BoolArray, Float32Array, IntArray
 
-from .settings import LARGEST_BORDER
+from .settings import DEEPEST_BORDER, STEEPEST_BORDER
 
 
 def beside_border(grey: Float32Array, reach: int) -> BoolArray | None:
@@ -42,13 +42,13 @@ def beside_border(grey: Float32Array, reach: int) -> BoolArray | None:
     for turns in range(4):
         # Each side in turn is the left one.
         picture, own = np.rot90(grey, turns), np.rot90(empty, turns)
-        deepest = int(LARGEST_BORDER * picture.shape[1])
+        deepest = int(DEEPEST_BORDER * picture.shape[1])
         depth = _depth(picture[:, : deepest + 1])
         if not depth.any():
             continue
         middle = depth[len(depth) // 4 : len(depth) - len(depth) // 4]
         lean = abs(float(middle[-1] - middle[0])) / len(middle)
-        if middle.max() > deepest or np.abs(np.diff(middle)).max(initial=0) > 1 or lean > LARGEST_BORDER:
+        if middle.max() > deepest or np.abs(np.diff(middle)).max(initial=0) > 1 or lean > STEEPEST_BORDER:
             return None
         shallow = np.where(depth <= deepest, depth, 0)
         own[:, :deepest] |= np.arange(deepest) < shallow[:, None]

@@ -163,23 +163,16 @@ def trace(
 
 
 @njit
-def _excess(prominence: FloatArray) -> float:
-    """The largest sum over consecutive ones (n,) of what exceeds noise."""
-    excess = most = 0.0
-    for each in prominence:
-        excess = max(0.0, excess + each - NOISE_MAXIMUM)
-        most = max(most, excess)
-    return most
-
-
-@njit
 def _is_candidate(members: AnyArray, magnitude: FloatArray, prominence: FloatArray, high: float) -> bool:
     """Whether a run of edgels is strong somewhere, and more than noise usually is."""
-    for k in range(1, len(members) - 1):
-        if magnitude[members[k - 1]] + magnitude[members[k]] + magnitude[members[k + 1]] > 3.0 * high:
-            candidate: bool = _excess(prominence[members]) > CANDIDATE_EXCESS
-            return candidate
-    return False
+    strong = False
+    excess = most = 0.0
+    for k in range(len(members)):
+        if 1 <= k < len(members) - 1 and not strong:
+            strong = magnitude[members[k - 1]] + magnitude[members[k]] + magnitude[members[k + 1]] > 3.0 * high
+        excess = max(0.0, excess + prominence[members[k]] - NOISE_MAXIMUM)
+        most = max(most, excess)
+    return strong and most > CANDIDATE_EXCESS
 
 
 @njit(nogil=True)
@@ -197,9 +190,12 @@ def evidence(prominence: FloatArray, bounds: IntArray) -> FloatArray:
     -------
     (k,) float64
     """
-    out = np.empty(len(bounds))
+    out = np.zeros(len(bounds))
     for k in range(len(bounds)):
-        out[k] = _excess(prominence[bounds[k, 0] : bounds[k, 1]])
+        excess = 0.0
+        for i in range(bounds[k, 0], bounds[k, 1]):
+            excess = max(0.0, excess + prominence[i] - NOISE_MAXIMUM)
+            out[k] = max(out[k], excess)
     return out
 
 

@@ -13,7 +13,7 @@ from . import chain_kernels
 from .edgel_kernels import Maxima
 from .edgels import Edgels, described, maxima
 from .noise import NoiseMap
-from .settings import LEAST_EDGELS, MOST_COVERED, PROMINENCE, REACH, SEGMENT_EXCESS
+from .settings import BESIDE_FINER, LEAST_EDGELS, MOST_COVERED, PROMINENCE, SEGMENT_EXCESS
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,11 +173,11 @@ def completed(chains: EdgeChains, coarser: EdgeChains, shape: tuple[int, int], h
 
 
 def _beside(position: FloatArray, shape: tuple[int, int]) -> ByteArray:
-    """(h, w) uint8, not 0 within REACH pixels of positions (n, 2), pixels, along rows and columns."""
+    """(h, w) uint8, not 0 within BESIDE_FINER pixels of positions (n, 2), pixels, along rows and columns."""
     own = np.zeros(shape, np.uint8)
     column, row = np.rint(position).astype(np.intp).T
     own[np.clip(row, 0, shape[0] - 1), np.clip(column, 0, shape[1] - 1)] = 1
-    side = 2 * REACH + 1
+    side = 2 * BESIDE_FINER + 1
     return np.asarray(cv2.dilate(own, np.ones((side, side), np.uint8)), np.uint8)
 
 

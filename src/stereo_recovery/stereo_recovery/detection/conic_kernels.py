@@ -16,7 +16,10 @@ from .settings import (
     FIRST_RMS,
     FIRST_ROUNDS,
     LARGEST_RADIUS_RATIO,
+    LEAST_CHORD,
+    LEAST_DISCRIMINANT,
     LEAST_DIVISOR,
+    LEAST_PIVOT,
     LEAST_RADIUS,
     LEAST_TURN,
     LEAST_WEIGHT_SHARE,
@@ -35,7 +38,7 @@ def _solve5(a: FloatArray, b: FloatArray) -> bool:
         for r in range(c + 1, 5):
             if abs(a[r, c]) > abs(a[pivot, c]):
                 pivot = r
-        if abs(a[pivot, c]) < LEAST_DIVISOR:
+        if abs(a[pivot, c]) < LEAST_PIVOT:
             return False
         if pivot != c:
             for k in range(5):
@@ -84,7 +87,7 @@ def fit(points: FloatArray, rounds: int) -> tuple[FloatArray, float]:
     for i in range(n):
         mx += points[i, 0] / n
         my += points[i, 1] / n
-    scale = LEAST_DIVISOR
+    scale = LEAST_CHORD
     for i in range(n):
         scale += (abs(points[i, 0] - mx) + abs(points[i, 1] - my)) / n
     q = np.zeros(6)
@@ -107,7 +110,7 @@ def fit(points: FloatArray, rounds: int) -> tuple[FloatArray, float]:
             if not _solve5(a, b):
                 return none, np.inf
             q[0], q[1], q[2], q[3], q[4], q[5] = b[0], b[1], 1.0 - b[0], b[2], b[3], b[4]
-            if 4.0 * q[0] * q[2] - q[1] * q[1] <= LEAST_DIVISOR:
+            if 4.0 * q[0] * q[2] - q[1] * q[1] <= LEAST_DISCRIMINANT:
                 return none, np.inf
         mean = 0.0
         total = 0.0

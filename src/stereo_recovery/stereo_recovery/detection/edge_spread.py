@@ -20,11 +20,14 @@ from msgs_py.numeric.typed import BoolArray, FloatArray
 
 from .segments import Segments
 from .settings import (
+    EDGE_CONTRAST,
     EDGE_CONTRAST_NOISE,
+    EDGE_LENGTH,
     EDGE_PHASES,
     EDGE_REACH,
+    EDGE_SAGITTA,
     FEWEST_EDGES,
-    LEAST_DIVISOR,
+    LEAST_PSF,
     MOST_EDGES,
     PIXEL_NODES,
     PROFILE_ERROR,
@@ -71,8 +74,8 @@ def edge_spread(light: FloatArray, noise: FloatArray, segments: Segments, seen: 
     """
     strong = (
         (segments.arc < 0)
-        # As much is looked at along it as across.
-        & (segments.length > 4.0 * EDGE_REACH)
+        & (segments.length > EDGE_LENGTH + 2.0 * EDGE_REACH)
+        & (np.abs(segments.sagitta) < EDGE_SAGITTA)
         # Along rows or columns all pixels lie at one fraction of a pixel from the edge.
         & (np.abs(segments.direction).min(axis=1) * segments.length > EDGE_PHASES)
     )
@@ -105,7 +108,7 @@ def _blur_of(light: FloatArray, noise: FloatArray, segments: Segments, k: int, s
     first, last = segments.extent[k]
     # The ends of an edge are corners, whose surroundings are no step.
     here = (np.abs(t) <= EDGE_REACH) & (s > first + EDGE_REACH) & (s < last - EDGE_REACH) & seen[v, u]
-    if np.count_nonzero(here) < 2.0 * EDGE_REACH**2 * seen.mean():
+    if np.count_nonzero(here) < EDGE_LENGTH * EDGE_REACH * seen.mean():
         return None
     t, s, value, sigma = t[here], s[here] / (last - first), light[v, u][here], noise[v, u][here]
     nodes, weights = np.polynomial.legendre.leggauss(PIXEL_NODES)
@@ -124,12 +127,12 @@ def _blur_of(light: FloatArray, noise: FloatArray, segments: Segments, k: int, s
     if not np.isfinite(sides).all():
         return None
     start = np.array([sides[0], sides[1] - sides[0], 0.0, 0.0, 0.7, 0.0, 0.0])
-    least = np.array([-np.inf, -np.inf, -2.0, -2.0, LEAST_DIVISOR, -np.inf, -np.inf])
+    least = np.array([-np.inf, -np.inf, -2.0, -2.0, LEAST_PSF, -np.inf, -np.inf])
     most = np.array([np.inf, np.inf, 2.0, 2.0, 0.5 * EDGE_REACH, np.inf, np.inf])
     fit = least_squares(lambda p: (profile(p) - value) / sigma, start, bounds=(least, most), x_scale='jac')
     step, typical = abs(fit.x[1]), float(np.median(sigma))
     left = float(np.sqrt(np.mean((profile(fit.x) - value) ** 2)))
-    strong = step > EDGE_CONTRAST_NOISE * typical
+    strong = step > max(EDGE_CONTRAST, EDGE_CONTRAST_NOISE * typical)
     if not strong or left > np.hypot(1.2 * typical, PROFILE_ERROR * step):
         return None
     return float(fit.x[4])

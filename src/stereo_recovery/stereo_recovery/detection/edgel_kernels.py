@@ -17,6 +17,9 @@ from .settings import (
     CLEAR,
     FLANK_NOISE,
     HALF_WAY,
+    LAST_POSITION,
+    LEAST_CURVATURE,
+    LEAST_INTERPOLATED,
     NOISE_RANK,
     NOISE_STEP,
     POSITION_FACTOR,
@@ -154,13 +157,15 @@ def ridge_maxima(
             kxy = (below[2] - below[0] - above[2] + above[0]) / 8.0
             slope = kx * nx + ky * ny
             bend = kxx * nx * nx + 2.0 * kxy * nx * ny + kyy * ny * ny
-            if bend >= 0.0:
+            if bend >= -LEAST_CURVATURE:
                 continue
             t = -slope / bend
             if abs(t) > 1.0:
                 continue
             px, py = x + t * nx, y + t * ny
             gu, gv = bilinear_pair(gx, gy, px, py)
+            if gu * gu + gv * gv < LEAST_INTERPOLATED * value:
+                continue
             if n == len(width):
                 position = np.concatenate((position, np.empty_like(position)))
                 gradient = np.concatenate((gradient, np.empty_like(gradient)))
@@ -229,8 +234,8 @@ def _gradient_beside(
     gx: Float32Array, gy: Float32Array, position: FloatArray, normal: tuple[float, float], away: float
 ) -> float:
     """The gradient (h, w) along a normal, so many pixels along it from a position (2,); at the border, there."""
-    x = min(max(position[0] + away * normal[0], 0.0), gx.shape[1] - 1.0)
-    y = min(max(position[1] + away * normal[1], 0.0), gx.shape[0] - 1.0)
+    x = min(max(position[0] + away * normal[0], 0.0), gx.shape[1] - LAST_POSITION)
+    y = min(max(position[1] + away * normal[1], 0.0), gx.shape[0] - LAST_POSITION)
     gu, gv = bilinear_pair(gx, gy, x, y)
     along: float = gu * normal[0] + gv * normal[1]
     return along

@@ -25,8 +25,9 @@ from .noise import NoiseMap, measured_response, white_response
 from .settings import (
     CAMERA_BLUR_VARIANCE,
     FLANK_DISTANCE,
+    KERNEL_NORM,
     KERNEL_RADIUS,
-    LEAST_DIVISOR,
+    LOGARITHM_FLOOR,
     PROMINENCE,
     QUANTISATION_NOISE,
     SIXTEEN_BIT_SCALE,
@@ -190,8 +191,11 @@ def noise_level(grey: Float32Array) -> float:
     kernel = np.array([1.0, -2.0, 1.0], np.float32)
     # The median of one value in six is exact enough, and takes half of the time.
     response = np.abs(cv2.sepFilter2D(grey, cv2.CV_32F, kernel, kernel))[1:-1:3, 1:-1:2]
-    # Of white noise of sigma 1 each pass leaves the root of the sum of squares.
-    return max(QUANTISATION_NOISE, float(np.median(response)) / (NORMAL_QUARTILE * float(kernel @ kernel)))
+    return max(QUANTISATION_NOISE, float(np.median(response)) / (NORMAL_QUARTILE * KERNEL_NORM))
+
+
+# Where it was looked for before it had a module of its own.
+gradient_noise = white_response
 
 
 def blur_variance(found: Sequence[Edgels]) -> float:
@@ -346,7 +350,7 @@ def maxima(
         with np.errstate(over='ignore'):
             squared = gx * gx
             squared += gy * gy
-        logarithm = np.asarray(cv2.log(squared + np.float32(LEAST_DIVISOR)), np.float32)
+        logarithm = np.asarray(cv2.log(squared + LOGARITHM_FLOOR * least.min() ** 2), np.float32)
         position, slope, magnitude, response, width = edgel_kernels.ridge_maxima(
             slopes, squared, logarithm, least, noise.sigma, noise.tile
         )

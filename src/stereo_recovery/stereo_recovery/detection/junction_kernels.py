@@ -21,17 +21,23 @@ from .settings import (
     LOOSE_END_SIGMA,
     MERGED_COSINE,
     MERGED_DISTANCE,
+    ON_CONTINUATION,
+    OVERRUN,
     OVERRUN_SHARE,
     ROUNDED_VARIANCE,
     SHORT_NEIGHBOUR_COST,
     SHORTEST_CONTINUATION,
     SPURIOUS_COSINE,
     SPURIOUS_LENGTH,
+    SPURIOUS_OVERHANG,
     SPURIOUS_RATIO,
     SPURIOUS_WIDTH,
     SQUARE_GAP,
     SURE_OVERRUN,
 )
+
+# px: side of the cells in which junctions are looked for.
+CELL = 16.0
 
 
 @njit
@@ -61,12 +67,12 @@ def _cells(lines: Lines, widest: float) -> Buckets:
     """
     # As far beyond its end as the crossing and the other's end may be; across, the gap at a square corner, since it
     # grows no faster than the sine falls.
-    beyond, across = 2.0 * widest, max(2.0 * SQUARE_GAP, MERGED_DISTANCE)
+    beyond, across = 2.0 * max(widest, OVERRUN), max(2.0 * SQUARE_GAP, OVERRUN, MERGED_DISTANCE, ON_CONTINUATION)
     start, end = np.empty_like(lines.centre), np.empty_like(lines.centre)
     for i in range(len(start)):
         start[i, 0], start[i, 1] = point_at(lines, i, lines.extent[i, 0] - beyond)
         end[i, 0], end[i, 1] = point_at(lines, i, lines.extent[i, 1] + beyond)
-    cells: Buckets = swept(start, end, across, SPURIOUS_LENGTH)
+    cells: Buckets = swept(start, end, across, CELL)
     return cells
 
 
@@ -88,7 +94,7 @@ def _continues(
             continue
         if length_of(lines, m) < SHORTEST_CONTINUATION or abs(sine_of(lines, k, m)) > collinear:
             continue
-        if abs(offset_of(lines, m, x, y)) > LOOSE_END_SIGMA:
+        if abs(offset_of(lines, m, x, y)) > ON_CONTINUATION:
             continue
         u, v = point_at(lines, m, 0.5 * (lines.extent[m, 0] + lines.extent[m, 1]))
         if ((u - x) * lines.direction[k, 0] + (v - y) * lines.direction[k, 1]) * ahead < 0.0:
@@ -137,7 +143,7 @@ def find_junctions(lines: Lines, widest: float) -> tuple[FloatArray, Int32Array,
                 r = (dx * lines.direction[i, 1] - dy * lines.direction[i, 0]) / sine
                 beyond = (s - s_end) * outward
                 gap = min(widest, SQUARE_GAP + SQUARE_GAP / abs(sine))
-                if beyond > gap or beyond < -min(SQUARE_GAP, OVERRUN_SHARE * length_of(lines, i)):
+                if beyond > gap or beyond < -min(OVERRUN, OVERRUN_SHARE * length_of(lines, i)):
                     continue
                 outside = max(lines.extent[k, 0] - r, r - lines.extent[k, 1])
                 if outside > gap:
@@ -239,13 +245,13 @@ def spurious(lines: Lines) -> BoolArray:
     count = np.zeros(n + 1, np.int64)
     for m in range(n):
         if length_of(lines, m) >= DIRECTED_LENGTH:
-            count[m + 1] = int((length_of(lines, m) + 2.0 * SPURIOUS_LENGTH) / step) + 2
+            count[m + 1] = int((length_of(lines, m) + 2.0 * SPURIOUS_OVERHANG) / step) + 2
     count = np.cumsum(count)
     points, owner = np.empty((count[-1], 2)), np.empty(count[-1], np.int64)
     for m in range(n):
         total = count[m + 1] - count[m]
         for p in range(total):
-            low, high = lines.extent[m, 0] - SPURIOUS_LENGTH, lines.extent[m, 1] + SPURIOUS_LENGTH
+            low, high = lines.extent[m, 0] - SPURIOUS_OVERHANG, lines.extent[m, 1] + SPURIOUS_OVERHANG
             at = count[m] + p
             points[at, 0], points[at, 1] = point_at(lines, m, low + (high - low) * p / (total - 1))
             owner[at] = m
@@ -270,8 +276,8 @@ def spurious(lines: Lines) -> BoolArray:
                 s = abscissa_of(lines, m, x, y)
                 if (
                     abs(offset_of(lines, m, x, y)) > SPURIOUS_WIDTH
-                    or s < lines.extent[m, 0] - SPURIOUS_LENGTH
-                    or s > lines.extent[m, 1] + SPURIOUS_LENGTH
+                    or s < lines.extent[m, 0] - SPURIOUS_OVERHANG
+                    or s > lines.extent[m, 1] + SPURIOUS_OVERHANG
                 ):
                     beside = False
                     break

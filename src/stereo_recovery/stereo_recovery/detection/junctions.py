@@ -10,7 +10,7 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array
 
 from . import junction_kernels
 from .segments import Segments
-from .settings import JUNCTION_GAP, REACH
+from .settings import JUNCTION_GAP, LEAST_LENGTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,9 @@ def spurious(segments: Segments) -> BoolArray:
     (n,) bool
         Of segments of arcs only the shortest are spurious.
     """
-    result: BoolArray = (segments.length < REACH) | ((segments.arc < 0) & junction_kernels.spurious(segments.lines))
+    result: BoolArray = (segments.length < LEAST_LENGTH) | (
+        (segments.arc < 0) & junction_kernels.spurious(segments.lines)
+    )
     return result
 
 

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.special import ndtri
 
 from msgs_py.numeric.typed import Float32Array, FloatArray
 
 from . import edgel_kernels
-from .settings import NOISE_RANK, NOISE_TILE, QUANTISATION_NOISE
+from .settings import NOISE_RANK_SIGMA, NOISE_TILE, QUANTISATION_NOISE
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +90,6 @@ def measured_response(gx: Float32Array, gy: Float32Array, sigma: float) -> Noise
         At least what rounding to 8 bits leaves.
     """
     tile = min(NOISE_TILE, *gx.shape)
-    # The quantile of the size of a normal value.
-    usual = np.float32(ndtri(0.5 + 0.5 * NOISE_RANK))
-    deviation = edgel_kernels.change_along_edges(gx, gy, tile) / usual
+    deviation = edgel_kernels.change_along_edges(gx, gy, tile) / np.float32(NOISE_RANK_SIGMA)
     smooth = cv2.medianBlur(deviation, 3) if min(deviation.shape) > 2 else deviation
     return NoiseMap(np.maximum(smooth, np.float32(white_response(QUANTISATION_NOISE, sigma))), tile)

@@ -22,8 +22,8 @@ def bilinear(image: Float32Array, u: float, v: float) -> float:
 
 @njit
 def bilinear_pair(first: Float32Array, second: Float32Array, u: float, v: float) -> tuple[float, float]:
-    """As :func:`bilinear`, of two images of one size; the last column and row included."""
-    x, y = min(int(u), first.shape[1] - 2), min(int(v), first.shape[0] - 2)
+    """As :func:`bilinear`, of two images of one size."""
+    x, y = int(u), int(v)
     a, b = u - x, v - y
     w00, w01, w10, w11 = (1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b
     return (

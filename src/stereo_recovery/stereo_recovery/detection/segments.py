@@ -10,7 +10,7 @@ from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, Int32Array, I
 
 from . import line_kernels
 from .edgels import Edgels
-from .settings import LEAST_DIVISOR, LEVEL_SINE
+from .settings import LEAST_CHORD, LEVEL_SINE
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class Segments:
         """
         count = len(ends)
         run = ends[:, 1] - ends[:, 0]
-        length = np.maximum(np.hypot(run[:, 0], run[:, 1]), LEAST_DIVISOR)
+        length = np.maximum(np.hypot(run[:, 0], run[:, 1]), LEAST_CHORD)
         return Segments(
             np.zeros((count, 2), np.int64),
             np.arange(count),
@@ -180,6 +180,6 @@ def fit_segments(e: Edgels, bounds: IntArray, chain: IntArray, sigma: float) -> 
     Thesis 3.10.1.
     """
     x, y = np.ascontiguousarray(e.position[:, 0]), np.ascontiguousarray(e.position[:, 1])
-    run = line_kernels.Run(x, y, e.sigma_position, e.bias, e.magnitude)
+    run = line_kernels.Run(x, y, e.sigma_position, e.width, e.bias, e.magnitude)
     fitted: line_kernels.FittedLines = line_kernels.fit_lines(run, bounds, sigma)
     return Segments(bounds, chain, *fitted, np.full(len(bounds), -1, np.int32))

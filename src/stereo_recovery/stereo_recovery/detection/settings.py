@@ -20,19 +20,23 @@ ON_LINE = 1.0
 TURN_COSINE = 0.5
 # px: segments shorter than this have too vague a direction to decide about others. [R]
 DIRECTED_LENGTH = 10.0
-# What divides is at least this. [D] far below what edgels can show, far above rounding
-LEAST_DIVISOR = 1e-12
-# Instead of 0 where a number of any size may divide.
-SMALLEST = float(np.finfo(np.float64).tiny)
+# Numerical floors: what divides is at least LEAST_DIVISOR, and a chord shorter than LEAST_CHORD, px, has no direction.
+# [D] far below what edgels can show, far above rounding.
+LEAST_DIVISOR, LEAST_CHORD = 1e-12, 1e-9
+# Instead of 0 where a number of any size may divide. [D] nearly the smallest number that a float can hold
+SMALLEST = 1e-300
 # Least number of edgels in a chain, and in a part of one that is split. [R]
 LEAST_EDGELS = 4
-# px: as far as smoothing by a pixel reaches, three sigma: edgels this near to a corner or a break are pulled towards
-# it, what is this near to a chain may be the same edge, and what is shorter has no direction. [D]
-REACH = 3
-# Share of a segment's length, at each end, that is left out of its fit at most. [R]
-CORNER_TRIM_SHARE = 0.2
-# Rounds of the reweighted fit of a line. [R]
-FIT_ROUNDS = 3
+# px at each end of a segment that are left out of a fit, because smoothing pulls edgels beside a corner towards it, and
+# the share of the segment's length that is left out at most. [R] Smoothing reaches about 3 sigma_total, sigma_total =
+# 1.
+CORNER_TRIM, CORNER_TRIM_SHARE = 3.0, 0.2
+
+# -- sampling ----------------------------------------------------------------------------------------------------------
+
+# px: bilinear interpolation needs the next pixel, so that the last position in a row or column is its length less this.
+# [D] one pixel, and a little for rounding
+LAST_POSITION = 1.001
 
 # -- edgels ------------------------------------------------------------------------------------------------------------
 
@@ -40,6 +44,8 @@ FIT_ROUNDS = 3
 SMALLEST_IMAGE = 5
 # Grey levels of a 16-bit image over those of an 8-bit one. [D]
 SIXTEEN_BIT_SCALE = 1.0 / 256.0
+# Root of the sum of squares of the nine coefficients that measure noise, (1, -2, 1) by (1, -2, 1). [D]
+KERNEL_NORM = 6.0
 # sigma_e = sqrt(POSITION_FACTOR) (noise / contrast) (S / s)^3 of an edgel's position, see :func:`.edgels.detect`. [D]
 POSITION_FACTOR = 3.0 / 8.0
 # Radius of the sampled Gaussian in its sigmas; 6e-5 of the area lies beyond. [D]
@@ -64,6 +70,13 @@ FLANK_NOISE = 2.5
 # An edgel's prominence: by how many sigma its gradient exceeds that of both flanks, at least. [R] Chains decide; this
 # keeps what is no maximum from linking.
 PROMINENCE = 1.0
+# Least curvature, per px^2, of the logarithm of the gradient across an edge: a step wider than 32 px is none. [D]
+LEAST_CURVATURE = 1e-3
+# A share of the squared threshold that is added to the squared gradient before its logarithm is taken. [R]
+LOGARITHM_FLOOR = 1e-4
+# Least share of the pixel's squared gradient that the interpolated gradient at the sub-pixel position has. [R]
+LEAST_INTERPOLATED = 0.25
+
 # Least magnitude of an edgel, in sigma of the derivatives' noise. [M] In noise alone one pixel in twenty is an edgel
 # then; more would cost time, fewer would break faint edges. An edgel is clear when its direction has a sigma below
 # CLEAR, radians: a seventh.
@@ -76,14 +89,14 @@ NOISE_TILE, NOISE_STEP = 16, 4
 # px: distance of the two places whose gradients are compared. [M] Noise that a Gaussian of a pixel has smoothed no
 # longer agrees there (src/stereo_recovery/test/test_noise.py).
 ALONG_EDGE = 5.0
-# The quantile of their differences in a tile that counts. [R]
-NOISE_RANK = 0.75
+# The quantile of their differences in a tile that counts [R], and its value for normal noise of sigma 1 [D].
+NOISE_RANK, NOISE_RANK_SIGMA = 0.75, 1.1503
 
 # -- border ------------------------------------------------------------------------------------------------------------
 
 # A border that a rectification left empty is at most this share of the picture deep, and leans at most this much
 # against its side, px/px, along the middle half. [R] Cameras turned by ten degrees against each other stay within.
-LARGEST_BORDER = 0.25
+DEEPEST_BORDER, STEEPEST_BORDER = 0.25, 0.25
 
 # -- chains ------------------------------------------------------------------------------------------------------------
 
@@ -91,8 +104,9 @@ LARGEST_BORDER = 0.25
 # SEGMENT_EXCESS in sum somewhere; a chain may have some when they do by CANDIDATE_EXCESS. [M] In a megapixel of noise
 # one segment reaches 8, whether neighbouring pixels agree or not (src/stereo_recovery/test/test_chains.py).
 NOISE_MAXIMUM, SEGMENT_EXCESS, CANDIDATE_EXCESS = 2.4, 10.0, 1.0
-# A doubtful chain goes when more than this share of it is beside a clear one of the coarser scale. [R]
-MOST_COVERED = 0.5
+# px: an edgel of a coarser scale shows nothing new this near to one of the finer scale, along rows and columns. A
+# doubtful chain goes when more than this share of it is as near to a clear one of the coarser scale. [R]
+BESIDE_FINER, MOST_COVERED = 3, 0.5
 # px, along rows and columns: farthest step from edgel to edgel. [D] One pixel may be missing.
 LINK_RADIUS = 2
 # px: least advance along the tangent. [R]
@@ -110,11 +124,11 @@ VARIANCE_OF_OFFSET = 1.5
 LINE_GATE = 4.5
 # Localisation noise, px: least value, value where too few edgels tell, and how few these are. [R]
 LEAST_LOCALISATION_NOISE, USUAL_LOCALISATION_NOISE, FEW_EDGELS = 0.01, 0.03, 16
-# How far a break is moved to where the two lines cross, edgels; segments of fewer than SHORTEST_MOVED edgels keep their
-# break. [R]
-BREAK_RANGE, SHORTEST_MOVED = 8, 6
-# px: widest gap across which collinear segments are joined. [R]
-WIDEST_GAP = 15.0
+# Edgels beside a break that are left out when it is moved to where the two lines cross, and how far it moves, edgels;
+# segments of fewer than SHORTEST_MOVED edgels keep their break. [R]
+BREAK_MARGIN, BREAK_RANGE, SHORTEST_MOVED = 3, 8, 6
+# px: widest gap across which collinear segments are joined, and the widest overlap. [R]
+WIDEST_GAP, WIDEST_OVERLAP = 15.0, 3.0
 # The gap is at most this share of the two segments' common length. [R]
 WIDEST_GAP_SHARE = 0.5
 # Radians: largest angle between joined segments. [R]
@@ -133,21 +147,33 @@ JOINING_ROUNDS = 2
 
 # -- segments ----------------------------------------------------------------------------------------------------------
 
+# 1/px^2 and 1: least information of a line's offset and slope; px: least sagitta, which keeps its sign. [D] floors
+LEAST_INFORMATION, LEAST_SAGITTA = 1e-9, 1e-9
 # px per px of smoothing: length along an edge over which edgels' errors are one. [D] Smoothing correlates them over
 # sqrt(4 pi) sigma; [M] three quarters of that gives lines whose stated sigma is true (src/stereo_recovery/test/
 # test_bounds.py).
 CORRELATION_LENGTH = 0.75 * np.sqrt(4.0 * np.pi)
+# Edgels of a segment of which a median is taken, at least where there are as many; neighbours agree. [R]
+MEDIAN_SAMPLES = 24
+# Edgels a px along an edge, at most. [D] sqrt(2) on a diagonal, rounded up.
+MOST_DENSE = 1.5
 # Cauchy weights fall to a half at this many scales of the residual (2.385 has 95 % efficiency on normal noise; Huber
-# 1981).
-CAUCHY = 2.5
+# 1981); the least scale, px. [R]
+CAUCHY, LEAST_SCALE = 2.5, 0.02
 # Sagitta that noise alone gives a straight line, in sigma of the line's offset. [D] 3.35 (3/2 of the sigma of the
 # second Legendre coefficient), rounded up.
 NOISE_SAGITTA = 4.0
 # Sigma that a sagitta adds to its line: to the offset, as a share; to the slope, as a multiple of sagitta/length. [R]
-# Root mean squares of a parabola's offset from its mean line and of its slope are sqrt(4/45) = 0.3 and 4/sqrt(3) = 2.3.
 SAGITTA_OFFSET, SAGITTA_SLOPE = 0.3, 2.0
-# Sigma of a line whose edgels have a localisation bias, as a share of the median bias. [R]
-BIAS_SHARE = 0.5
+# The median step width of a segment is unusual when it differs from the picture's by more than this share, and by more
+# than this many times the median difference; segments of fewer edgels, and pictures where the median difference exceeds
+# VARIED_WIDTH (out of focus, uneven light), say nothing. [R]
+UNUSUAL_WIDTH, WIDTH_DEVIATIONS, WIDTH_EDGELS, VARIED_WIDTH = 0.05, 3.0, 10, 0.05
+# px: sigma of the offset of a segment whose width is unusual, over the root of the excess. [R]
+WIDTH_SIGMA = 1.0
+# Sigma of a line whose edgels have a localisation bias: this share of the median bias beyond LEAST_BIAS, px, and at
+# most MOST_BIAS_SIGMA, px. [R] Less bias is noise; with more the other edge is a segment of its own.
+BIAS_SHARE, LEAST_BIAS, MOST_BIAS_SIGMA = 0.5, 0.05, 0.7
 # Sine: segments flatter than this may run either way along the rows of the two images. [R]
 LEVEL_SINE = 0.1
 
@@ -155,10 +181,11 @@ LEVEL_SINE = 0.1
 
 # px: largest gap between a segment's end and the line that it meets. [R]
 JUNCTION_GAP = 18.0
-# px: the gap at a square corner; it grows with 1 / sine, because two edges blur into one before a sharp corner. As far,
-# and by this share of its length, a chain may run around a corner before it ends; SURE_OVERRUN, px: a neighbour that
-# goes on this far beyond a junction makes it a T-junction. [R]
-SQUARE_GAP, OVERRUN_SHARE, SURE_OVERRUN = 4.0, 0.4, 6.0
+# px: the gap at a square corner; it grows with 1 / sine, because two edges blur into one before a sharp corner. [R]
+SQUARE_GAP = 4.0
+# px: how far a chain may run around a corner before it ends, and the share of its length; SURE_OVERRUN, px: a neighbour
+# that goes on this far beyond a junction makes it a T-junction. [R]
+OVERRUN, OVERRUN_SHARE, SURE_OVERRUN = 4.0, 0.4, 6.0
 # Sine of two lines that meet: below CORNER_SINE the crossing is too vague, unless it is above BLUNT_SINE, both chains
 # end within BLUNT_GAP, px, and the crossing has a sigma below BLUNT_SIGMA, px. [R]
 CORNER_SINE, BLUNT_SINE, BLUNT_GAP, BLUNT_SIGMA = 0.15, 0.06, 6.0, 3.0
@@ -169,16 +196,18 @@ ROUNDED_VARIANCE = 0.0001
 # px: sigma of an end without a junction. [R]
 LOOSE_END_SIGMA = 1.5
 # Another segment continues a line beyond a junction when the sine between them is below COLLINEAR_SINE (at a crossing
-# of two lines that both go on: CROSSING_SINE), the junction is on its line as well as an end is known, and it has at
+# of two lines that both go on: CROSSING_SINE), the junction is within ON_CONTINUATION, px, of its line, and it has at
 # least SHORTEST_CONTINUATION, px. [R]
-COLLINEAR_SINE, CROSSING_SINE, SHORTEST_CONTINUATION = 0.03, 0.2, 5.0
+COLLINEAR_SINE, CROSSING_SINE, ON_CONTINUATION, SHORTEST_CONTINUATION = 0.03, 0.2, 1.5, 5.0
 # A chain is lost beside another one within MERGED_DISTANCE, px, that runs along with it (cosine above MERGED_COSINE);
 # its line passes the junction of the other within AT_JUNCTION, px, plus two sigma, and at most twice that. [R]
 MERGED_DISTANCE, MERGED_COSINE, AT_JUNCTION = 5.0, 0.94, 0.7
 # A short segment is spurious when it is at most SPURIOUS_LENGTH long, px, when a segment of at least SPURIOUS_RATIO
 # times its length has a direction within SPURIOUS_COSINE of its own, and when both its ends are within SPURIOUS_WIDTH,
-# px, of that one's line and at most SPURIOUS_LENGTH, px, beyond it. [R]
-SPURIOUS_LENGTH, SPURIOUS_RATIO, SPURIOUS_COSINE, SPURIOUS_WIDTH = 16.0, 2.0, 0.8, 2.5
+# px, of that one's line and at most SPURIOUS_OVERHANG, px, beyond it. Segments below LEAST_LENGTH, px, always are: they
+# have no usable direction. [R]
+SPURIOUS_LENGTH, SPURIOUS_RATIO, SPURIOUS_COSINE = 16.0, 2.0, 0.8
+SPURIOUS_WIDTH, SPURIOUS_OVERHANG, LEAST_LENGTH = 2.5, 16.0, 3.0
 
 # -- conics ------------------------------------------------------------------------------------------------------------
 
@@ -194,11 +223,13 @@ FEW_ARC_SEGMENTS = 4
 FEW_POINTS, FIRST_RMS, FIRST_ROUNDS, FINAL_RMS, FINAL_ROUNDS, ARC_INLIERS = 30, 0.6, 2, 0.45, 4, 0.95
 # An ellipse's major radius is at most this many times the extent of its edgels. [R]
 LARGEST_RADIUS_RATIO = 4.0
-# Least weight of an edgel in the fit, as a share of the mean. [R]
-LEAST_WEIGHT_SHARE = 1e-3
+# Numerical floors of the fit: pivot; discriminant 4 a c - b^2 of an ellipse; weight, as a share of the mean. [R]
+LEAST_PIVOT, LEAST_DISCRIMINANT, LEAST_WEIGHT_SHARE = 1e-13, 1e-9, 1e-3
 
 # -- a view ------------------------------------------------------------------------------------------------------------
 
+# Scales of detection: the picture, and the picture halved, in which noise is half as strong and steps are not. [R]
+SCALES = 2
 # Segments that are matched, the longest first. [R] An image of a room has a thousand; time grows with the square.
 MOST_SEGMENTS = 6000
 # Tolerance of straight segments: this many times the localisation noise, within limits, px. [R]
@@ -218,10 +249,11 @@ MIDDLE_GREY, TOLD_APART = 127.5, 0.25
 MEASURED_SHIFT = 0.05
 # Rows and columns, in the upper left 2 x 2, of the green pixels of mosaics (sensor_msgs/image_encodings).
 GREEN_PIXELS = {'rggb': ((0, 1), (1, 0)), 'bggr': ((0, 1), (1, 0)), 'gbrg': ((0, 0), (1, 1)), 'grbg': ((0, 0), (1, 1))}
-# Edges whose profile is fitted: px looked at on either side; slanted so far that they cross EDGE_PHASES rows or
-# columns; the strongest MOST_EDGES of them, and at least FEWEST_EDGES.
-EDGE_REACH, EDGE_PHASES, MOST_EDGES, FEWEST_EDGES = 6.0, 1.0, 60, 3
-# Least step, in sigmas of a pixel. What a fitted profile may leave besides noise, share of the step: bent edges more.
-EDGE_CONTRAST_NOISE, PROFILE_ERROR = 8.0, 0.02
-# Nodes along each side of a pixel at which the profile is averaged.
-PIXEL_NODES = 4
+# Edges whose profile is fitted: px, at least EDGE_LENGTH long within what is looked at, on EDGE_REACH to either side;
+# bent by at most EDGE_SAGITTA, and slanted so far that they cross EDGE_PHASES rows or columns; the strongest MOST_EDGES
+# of them, and at least FEWEST_EDGES.
+EDGE_LENGTH, EDGE_REACH, EDGE_SAGITTA, EDGE_PHASES, MOST_EDGES, FEWEST_EDGES = 12.0, 6.0, 0.3, 1.0, 60, 3
+# Least step: grey levels, and in sigmas of a pixel. What a fitted profile may leave besides noise, share of the step.
+EDGE_CONTRAST, EDGE_CONTRAST_NOISE, PROFILE_ERROR = 20.0, 8.0, 0.02
+# px: least blur that a profile is fitted with; nodes along each side of a pixel at which the profile is averaged.
+LEAST_PSF, PIXEL_NODES = 0.02, 4

@@ -18,7 +18,7 @@ from .settings import (
     BENT_TOLERANCES,
     FEW_EDGELS,
     JOINING_ROUNDS,
-    LEAST_DIVISOR,
+    LEAST_CHORD,
     LEAST_EDGELS,
     LEAST_LOCALISATION_NOISE,
     LINE_GATE,
@@ -50,7 +50,7 @@ def localisation_noise(chains: EdgeChains) -> float:
         return USUAL_LOCALISATION_NOISE
     chord = p[4:] - p[:-4]
     middle = p[2:-2] - 0.5 * (p[4:] + p[:-4])
-    length = np.maximum(np.hypot(chord[:, 0], chord[:, 1]), LEAST_DIVISOR)
+    length = np.maximum(np.hypot(chord[:, 0], chord[:, 1]), LEAST_CHORD)
     off = np.abs(chord[:, 0] * middle[:, 1] - chord[:, 1] * middle[:, 0]) / length
     return max(LEAST_LOCALISATION_NOISE, float(np.median(off)) / (NORMAL_QUARTILE * float(np.sqrt(VARIANCE_OF_OFFSET))))
 

@@ -11,26 +11,27 @@ from .buckets import bucketed, near
 from .chain_kernels import keep_cheapest
 from .line_kernels import Lines, cosine_of, length_of, offset_of, point_at, regression, sine_of, variance_at
 from .settings import (
+    BREAK_MARGIN,
     BREAK_RANGE,
     GATE,
     LARGEST_BEND,
-    LEAST_DIVISOR,
+    LEAST_CHORD,
     LEAST_EDGELS,
     OFFSET_COST,
     ON_LINE,
-    REACH,
     SHORTEST_JOINED,
     SHORTEST_MOVED,
     TURN_COSINE,
     WIDEST_GAP,
     WIDEST_GAP_SHARE,
+    WIDEST_OVERLAP,
 )
 
 
 @njit
 def _fits(x: FloatArray, y: FloatArray, w: FloatArray, limit: FloatArray, a: int, b: int) -> bool:
     """Whether points a..b-1 lie within their limits of their own line."""
-    cx, cy, tx, ty = regression(x[a:b], y[a:b], w[a:b])
+    cx, cy, tx, ty = regression(x, y, w, a, b)
     fits = True
     for i in range(a, b):
         if abs((x[i] - cx) * ty - (y[i] - cy) * tx) > limit[i]:
@@ -46,7 +47,7 @@ def _farthest(x: FloatArray, y: FloatArray, a: int, b: int) -> int:
     norm = np.sqrt(dx * dx + dy * dy)
     best, where = -1.0, (a + b) // 2
     for i in range(a + 2, b - 2):
-        if norm > LEAST_DIVISOR:
+        if norm > LEAST_CHORD:
             d = abs((x[i] - x[a]) * dy - (y[i] - y[a]) * dx) / norm
         else:
             d = np.sqrt((x[i] - x[a]) ** 2 + (y[i] - y[a]) ** 2)
@@ -122,9 +123,8 @@ def split(
             a, m, b = bounds[i, 0], bounds[i, 1], bounds[i + 1, 1]
             if m - a < SHORTEST_MOVED or b - m < SHORTEST_MOVED:
                 continue
-            before, after = max(a + LEAST_EDGELS, m - REACH), min(m + REACH, b - LEAST_EDGELS)
-            c1x, c1y, t1x, t1y = regression(x[a:before], y[a:before], w[a:before])
-            c2x, c2y, t2x, t2y = regression(x[after:b], y[after:b], w[after:b])
+            c1x, c1y, t1x, t1y = regression(x, y, w, a, max(a + LEAST_EDGELS, m - BREAK_MARGIN))
+            c2x, c2y, t2x, t2y = regression(x, y, w, min(m + BREAK_MARGIN, b - LEAST_EDGELS), b)
             best, where = np.inf, m
             total = 0.0
             low, high = max(a + LEAST_EDGELS, m - BREAK_RANGE), min(b - LEAST_EDGELS, m + BREAK_RANGE)
@@ -186,7 +186,7 @@ def continuations(lines: Lines, straightness: float) -> Int32Array:
             if turn * turn > min(GATE * GATE * slope, LARGEST_BEND * LARGEST_BEND):
                 continue
             gap = (sx - x) * lines.direction[i, 0] + (sy - y) * lines.direction[i, 1]
-            if gap < -REACH or gap > min(WIDEST_GAP, WIDEST_GAP_SHARE * (length + other)):
+            if gap < -WIDEST_OVERLAP or gap > min(WIDEST_GAP, WIDEST_GAP_SHARE * (length + other)):
                 continue
             # The offset of the two lines in the middle of the gap.
             si, sk = lines.extent[i, 1] + 0.5 * gap, lines.extent[k, 0] - 0.5 * gap

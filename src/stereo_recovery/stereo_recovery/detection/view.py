@@ -17,7 +17,15 @@ from .conics import Ellipse
 from .edgels import Edgels
 from .junctions import spurious
 from .segments import Segments
-from .settings import KERNEL_RADIUS, LEAST_TOLERANCE, MOST_SEGMENTS, MOST_TOLERANCE, SMALLEST_IMAGE, TOLERANCE_NOISE
+from .settings import (
+    KERNEL_RADIUS,
+    LEAST_TOLERANCE,
+    MOST_SEGMENTS,
+    MOST_TOLERANCE,
+    SCALES,
+    SMALLEST_IMAGE,
+    TOLERANCE_NOISE,
+)
 from .splitting import localisation_noise, split
 
 
@@ -69,13 +77,16 @@ def detect_view(grey: Float32Array, detector: str, sigma: float, low: float, hig
     reach = int(np.ceil(KERNEL_RADIUS * sigma))
     border = beside_border(grey, reach)
     chains = chains_of(grey, detector, sigma, (low, high), border=border)
-    if min(grey.shape) >= 2 * SMALLEST_IMAGE:
-        # In the picture halved noise is half as strong, and steps are not.
-        halved = _halved(grey)
-        border = None if border is None else beside_border(halved, reach)
-        coarse = chains_of(halved, detector, sigma, (low, high), border=border)
-        coarse = replace(coarse, edgels=coarse.edgels.magnified(2.0, sigma))
-        chains = completed(chains, coarse, grey.shape, 0.5 * high)
+    reduced = grey
+    for scale in range(1, SCALES):
+        if min(reduced.shape) < 2 * SMALLEST_IMAGE:
+            break
+        reduced = _halved(reduced)
+        border = None if border is None else beside_border(reduced, reach)
+        coarse = chains_of(reduced, detector, sigma, (low, high), border=border)
+        factor = 2.0**scale
+        coarse = replace(coarse, edgels=coarse.edgels.magnified(factor, sigma))
+        chains = completed(chains, coarse, grey.shape, high / factor)
     tolerance = float(np.clip(TOLERANCE_NOISE * localisation_noise(chains), LEAST_TOLERANCE, MOST_TOLERANCE))
     ordered, segments, ellipses = split(chains, tolerance, sigma)
     return View(grey, ordered, segments, ellipses)

@@ -7,8 +7,7 @@ import numpy as np
 
 from msgs_py.numeric.typed import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array
 
-from ..detection.edgels import noise_level
-from ..detection.noise import white_response
+from ..detection.edgels import gradient_noise, noise_level
 from ..detection.segments import Segments
 from . import dense_kernels
 from .dense_kernels import Windows
@@ -26,7 +25,7 @@ def _textured(grey: ByteArray) -> BoolArray:
     """(h, w) bool: where grey levels (h, w) change along the rows by more than noise; elsewhere all disparities fit."""
     change = cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125)
     energy = cv2.boxFilter(change * change, cv2.CV_32F, (WINDOW, WINDOW))
-    limit = (TEXTURE_NOISE * white_response(noise_level(grey.astype(np.float32)), PROFILE_SIGMA)) ** 2
+    limit = (TEXTURE_NOISE * gradient_noise(noise_level(grey.astype(np.float32)), PROFILE_SIGMA)) ** 2
     return np.asarray(energy > limit)
 
 
