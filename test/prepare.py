@@ -8,6 +8,7 @@ from multiprocessing import get_context
 
 from csg_renderer import load_scene, parse_scene, render
 from model_matcher.closed_form.compile_all import main
+from model_matcher.proof.warm_up import compile_kernels
 from msgs_py import LensDistortion, PinholeCamera
 
 
@@ -21,7 +22,9 @@ def surfaces() -> None:
 
 if __name__ == '__main__':
     with ProcessPoolExecutor(1, get_context('spawn')) as beside:
-        job = beside.submit(surfaces)
+        # Proofs, too, are compiled by the nodes whose parameters ask for them alone.
+        jobs = [beside.submit(work) for work in (surfaces, compile_kernels)]
         status = main()
-        job.result()
+        for job in jobs:
+            job.result()
     sys.exit(status)
