@@ -108,6 +108,44 @@ def test_a_second_checkout_and_another_docstring_share_the_machine_code(modules,
     assert entries(cache) == made
 
 
+# Functions of one name, types and order of making, which do not do the same: numba's sorts are such, too.
+CLOSURES = textwrap.dedent("""\
+    import sys
+    from msgs_py.numeric.compiled import njit
+
+
+    def made(step):
+        @njit
+        def down(n):
+            return 0 if n < 1 else step + down(n - 1)  # calls itself, so that it is not written into its caller
+
+        return down
+
+
+    one, ten = made(1), made(10)
+
+
+    @njit
+    def by_one(n):
+        return one(n)
+
+
+    @njit
+    def by_ten(n):
+        return ten(n)
+
+
+    print(*(globals()[name](4) for name in sys.argv[1:]))
+    """)
+
+
+def test_functions_of_one_name_that_two_processes_compiled_stay_apart(tmp_path, cache):
+    for name, result in (('by_one', '4'), ('by_ten', '40')):
+        assert answer(start(tmp_path, cache, name, code=CLOSURES)) == result
+    assert answer(start(tmp_path, cache, 'by_one', 'by_ten', code=CLOSURES)) == '4 40'
+    assert answer(start(tmp_path, cache, 'by_ten', 'by_one', code=CLOSURES)) == '40 4'
+
+
 def test_a_change_in_a_function_that_another_room_calls_is_followed(modules, cache):
     assert answer(start(modules, cache, '1')) == '4'
     write(modules, offset=10)

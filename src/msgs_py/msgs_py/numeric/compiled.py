@@ -7,6 +7,11 @@ byte code of the function and of all functions it reaches, of the global constan
 options, the versions of Python and numba, and the processor. Equal content has one entry wherever the source lies, so
 that a clone, an installed package and a second checkout share it.
 
+Machine code calls other machine code by name, and names are looked up among all that a process has loaded. numba tells
+functions of one name and types apart, such as its own sorts of values and of indices, by a number that it counts up in
+each process; entries that two processes wrote may have the same number for different functions, and the one that is
+loaded first is then called for both. So the numbers are drawn at random here.
+
 Entries are written under another name and then renamed, so that no process ever reads half of one, and none needs a
 lock. A cache that cannot be read or written costs compiling and nothing else.
 """
@@ -17,6 +22,7 @@ import contextlib
 import hashlib
 import os
 import pickle
+import secrets
 import sys
 import tempfile
 import time
@@ -28,13 +34,13 @@ from typing import Any, cast, overload
 
 import numba
 import numpy as np
-from numba.core import types
+from numba.core import bytecode, types
 from numba.core.caching import CompileResultCacheImpl, _Cache
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
 
 from .one_unit import AVAILABLE, UnitDispatcher, is_linked
-from .settings import CACHE_BYTES, NAME_CHARACTERS, SIZE_CHECKED_EVERY_S, UNIT_FORM, USE_NOTED_AFTER_S
+from .settings import CACHE_BYTES, FORM, NAME_CHARACTERS, NUMBER_BITS, SIZE_CHECKED_EVERY_S, USE_NOTED_AFTER_S
 
 # Moves the cache; numba's own NUMBA_CACHE_DIR is taken where this one is not set.
 FOLDER_VARIABLE = 'MSGS_PY_CACHE_DIR'
@@ -44,6 +50,16 @@ SUFFIX = '.machinecode'
 DIGEST_BYTES = 32
 # Functions of these are told apart by their name: their version is the library's, and numba's own is in the key.
 FOREIGN = ('builtins', 'cmath', 'llvmlite', 'math', 'numba', 'numpy', 'operator')
+
+
+class _Numbers:
+    """Of functions, which no two processes share; with a version of numba that does not ask here it counts as ever."""
+
+    def __next__(self) -> int:
+        return secrets.randbits(NUMBER_BITS)
+
+
+cast(Any, bytecode.FunctionIdentity)._unique_ids = _Numbers()
 
 
 def cache_folder() -> Path:
@@ -114,7 +130,8 @@ class ContentCache(_Cache):
         for part in (
             sys.version_info[:2],
             numba.__version__,
-            AVAILABLE and UNIT_FORM,
+            AVAILABLE,
+            FORM,
             codegen.magic_tuple(),
             sorted(self._options.items()),
             self._function.__module__,

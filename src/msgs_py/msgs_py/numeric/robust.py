@@ -16,10 +16,31 @@ from scipy.special import chdtri
 
 from .settings import BOUND_SIGMA, MAD_TO_SIGMA, NORMAL_QUARTILE
 
-__all__ = ['MAD_TO_SIGMA', 'NORMAL_QUARTILE', 'OUTLYING', 'sigma_from_median']
+__all__ = ['MAD_TO_SIGMA', 'NORMAL_QUARTILE', 'OUTLYING', 'outlying', 'sigma_from_median']
 
-# Chi squared, by its degrees of freedom, beyond which a normal error is as rarely as a single one beyond three sigma.
-OUTLYING = (0.0, *(float(chdtri(degrees, math.erfc(BOUND_SIGMA / math.sqrt(2.0)))) for degrees in range(1, 13)))
+
+def outlying(freedom: int) -> float:
+    """Chi squared beyond which a normal error is as rarely as a single number beyond three sigma.
+
+    Parameters
+    ----------
+    freedom : int
+        Degrees of freedom of the error.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> round(outlying(1), 6), round(outlying(2), 1)
+    (9.0, 11.8)
+    """
+    return float(chdtri(freedom, math.erfc(BOUND_SIGMA / math.sqrt(2.0))))
+
+
+# For compiled code and loops: :func:`outlying` of each number of degrees of freedom.
+OUTLYING = (0.0, *map(outlying, range(1, 13)))
 
 
 def sigma_from_median(median: float) -> float:

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
-from scipy.special import chdtri
 
+from msgs_py.numeric.robust import outlying
 from msgs_py.numeric.typed import FloatArray
-
-from ..detection.settings import GATE
 
 
 def agrees(residual: FloatArray, covariance: FloatArray, freedom: int | None = None) -> bool:
-    """Whether chi squared of a residual is as probable as GATE sigma of a single normal number are, or more.
+    """Whether chi squared of a residual is as probable as three sigma of a single normal number are, or more.
 
     Parameters
     ----------
@@ -38,4 +34,4 @@ def agrees(residual: FloatArray, covariance: FloatArray, freedom: int | None = N
     (True, False)
     """
     chi_squared = float(residual @ np.linalg.solve(covariance, residual))
-    return bool(chi_squared < chdtri(freedom or len(residual), math.erfc(GATE / math.sqrt(2.0))))
+    return bool(chi_squared < outlying(freedom or len(residual)))

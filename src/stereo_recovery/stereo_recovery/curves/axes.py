@@ -12,10 +12,10 @@ import numpy as np
 
 from msgs_py import FeatureSet, StereoRig
 from msgs_py.numeric.covariances import semidefinite
+from msgs_py.numeric.settings import BOUND_SIGMA
 from msgs_py.numeric.typed import FloatArray
 
 from ..detection.segments import Segments
-from ..detection.settings import GATE
 from . import settings
 from .agreement import agrees
 from .axis_constraint import is_coaxial
@@ -185,7 +185,7 @@ def _height(curve: Curve, direction: FloatArray, contours: Contours) -> tuple[fl
     reached = [np.abs(farthest[contours.sides == name]).max() for name in np.unique(contours.sides)]
     missing = max(reached) - min(reached) if len(reached) > 1 else abs(height)
     # Ends so near to each other are one.
-    return height, (missing**2 + (settings.SAME_END * curve.radii[0]) ** 2) / GATE**2
+    return height, (missing**2 + (settings.SAME_END * curve.radii[0]) ** 2) / BOUND_SIGMA**2
 
 
 def axis_features(axes: list[Axis]) -> FeatureSet:

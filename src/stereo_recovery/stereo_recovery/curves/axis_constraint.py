@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from msgs_py.numeric.settings import BOUND_SIGMA
 from msgs_py.numeric.typed import FloatArray
 
-from ..detection.settings import GATE
 from . import fit_kernels, settings
 from .agreement import agrees
 from .curve import Curve, CurveShape
@@ -49,7 +49,7 @@ def off_axis(known: Curve, curve: Curve) -> tuple[FloatArray, FloatArray, FloatA
 def is_coaxial(known: Curve, curve: Curve) -> bool:
     """Whether two curves may lie on one axis, up to what makes no other curve of one."""
     off, _, covariance = off_axis(known, curve)
-    same = (settings.SAME_RIM / GATE) ** 2 * np.array([1.0, 1.0, known.radii[0] ** 2, known.radii[0] ** 2])
+    same = (settings.SAME_RIM / BOUND_SIGMA) ** 2 * np.array([1.0, 1.0, known.radii[0] ** 2, known.radii[0] ** 2])
     return agrees(off, covariance + np.diag(same))
 
 

@@ -14,9 +14,10 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.robust import MAD_TO_SIGMA
+from msgs_py.numeric.settings import BOUND_SIGMA
 from msgs_py.numeric.typed import FloatArray, IntArray
 
-from ..detection.settings import CAUCHY, CORRELATION_LENGTH, GATE, SMALLEST
+from ..detection.settings import CAUCHY, CORRELATION_LENGTH, SMALLEST
 from .curve import CurveShape
 from .inlier_kernels import on_conic, without_ends
 from .observations import Seen
@@ -355,7 +356,7 @@ def fit(shape: CurveShape, circle: bool, seen: Seen, index: IntArray, rough: boo
     covariance = inverse @ spread @ inverse
     if not circle:
         variance = max(covariance[5, 5] + covariance[6, 6] - 2.0 * covariance[5, 6], 0.0)
-        if abs(np.log(shape.radii[0] / shape.radii[1])) < GATE * np.sqrt(variance):
+        if abs(np.log(shape.radii[0] / shape.radii[1])) < BOUND_SIGMA * np.sqrt(variance):
             return failed
     covariance = covariance[:6, :6].copy()
     covariance[5, :] *= shape.radii[0]
@@ -416,7 +417,7 @@ def inliers(found: Fit, seen: Seen, side: int) -> tuple[IntArray, IntArray]:
     belongs : (k,) int64
         Within INLIER_DISTANCE of the image conic, with a gradient across it.
     measures : (m,) int64
-        Within GATE sigma of it, where sigma adds the edgel's own, the fit's and the curve's; not at the end of a run.
+        Within three sigma of it, where sigma adds the edgel's own, the fit's and the curve's; not at the end of a run.
         An occluding contour that starts on a rim is still near it where it is a contour already.
     """
     first, last = (0, seen.left_count) if side == 0 else (seen.left_count, len(seen.points))
@@ -434,7 +435,7 @@ def inliers(found: Fit, seen: Seen, side: int) -> tuple[IntArray, IntArray]:
     for k in range(len(index)):
         rows[k, 5] /= found.shape.radii[0]
         variance = of_fit + sigma[k] ** 2 + rows[k] @ found.covariance @ rows[k]
-        if abs(distance[k]) < min(GATE * np.sqrt(variance), INLIER_DISTANCE):
+        if abs(distance[k]) < min(BOUND_SIGMA * np.sqrt(variance), INLIER_DISTANCE):
             measures[count] = index[k]
             count += 1
     return belongs, measures[:count]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.settings import NOT_ZERO
 from msgs_py.numeric.typed import FloatArray, IntArray
 
-from ..detection.settings import LEAST_DIVISOR
 from .settings import ACROSS_COSINE, CORNER_EDGELS, LEAST_CURVE_EDGELS, RUN_GAP
 
 
@@ -51,7 +51,7 @@ def on_conic(
             gy = conic[0, 1] * x + conic[1, 1] * y + conic[2, 1]
             value = gx * x + gy * y + conic[0, 2] * x + conic[1, 2] * y + conic[2, 2]
             square = gx * gx + gy * gy
-            if value * value >= (2.0 * most) ** 2 * max(square, LEAST_DIVISOR**2):
+            if value * value >= (2.0 * most) ** 2 * max(square, NOT_ZERO**2):
                 continue
             cosine = abs(gx * np.cos(direction[k]) + gy * np.sin(direction[k]))
             if cosine > ACROSS_COSINE * np.sqrt(square):

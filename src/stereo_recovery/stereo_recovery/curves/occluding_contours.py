@@ -14,10 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py import StereoRig
+from msgs_py.numeric.settings import BOUND_SIGMA, NOT_ZERO
 from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, Int8Array, Int32Array, IntArray
 
 from ..detection.segments import Segments
-from ..detection.settings import GATE, LEAST_DIVISOR, LEAST_LENGTH
+from ..detection.settings import LEAST_LENGTH
 from . import settings
 from .curve import CameraView, Curve, camera_views, cross, image_conic
 
@@ -135,10 +136,10 @@ def contour_sides(surface: CurvedSurface, segments: Segments, view: CameraView) 
     # An error of the axis' direction turns the contour about the touching point.
     turn = surface.rim.tilt * np.maximum(np.abs(low), np.abs(high))
     sigma = np.sqrt(_line_variance(segments, np.abs(segments.extent).max(axis=1)) + turn**2)
-    near = off < GATE * sigma
+    near = off < BOUND_SIGMA * sigma
     if surface.is_cone and apex[2] > 0.0:
         tip = np.linalg.norm(apex[:2] / apex[2] - contact, axis=1)
-        near &= np.maximum(np.abs(low), np.abs(high)) < tip[:, None] + GATE * sigma
+        near &= np.maximum(np.abs(low), np.abs(high)) < tip[:, None] + BOUND_SIGMA * sigma
     return _sides(near, low, high, segments, _image_radius(conic))
 
 
@@ -166,14 +167,14 @@ def tangent_sides(curve: Curve, segments: Segments, view: CameraView) -> Int8Arr
     shape = -np.linalg.det(conic) / np.linalg.det(conic[:2, :2]) * np.linalg.inv(conic[:2, :2])
     across = np.stack([-segments.direction[:, 1], segments.direction[:, 0]], axis=1)
     # Half the width of the ellipse across a segment's line; a tangent is so far from the centre.
-    width = np.sqrt(np.maximum(np.einsum('ni,ij,nj->n', across, shape, across), LEAST_DIVISOR))
+    width = np.sqrt(np.maximum(np.einsum('ni,ij,nj->n', across, shape, across), NOT_ZERO))
     offset = ((segments.centre - centre) * across).sum(axis=1)
     touch = centre + (np.sign(offset) / width)[:, None] * (across @ shape)
     low, high = _from_contact(segments, touch[None])
     sigma = np.sqrt(_line_variance(segments, 0.5 * (low + high)[0]))
     axis = _image_of_axis(curve, view.matrix @ curve.normal, view)
     first = touch @ axis[:2] + axis[2] < 0.0
-    near = np.stack([first, ~first]) & (np.abs(np.abs(offset) - width) < GATE * sigma)
+    near = np.stack([first, ~first]) & (np.abs(np.abs(offset) - width) < BOUND_SIGMA * sigma)
     return _sides(near, low, high, segments, _image_radius(conic))
 
 
@@ -241,7 +242,7 @@ class Contours:
         A line of sight touches the surface beside the point where it passes the axis.
         """
         across = np.cross(self.rays, direction)
-        square = np.maximum((across * across).sum(axis=2), LEAST_DIVISOR)
+        square = np.maximum((across * across).sum(axis=2), NOT_ZERO)
         abscissae: FloatArray = -(np.cross(self.cameras[:, None] - point, self.rays) * across).sum(axis=2) / square
         return abscissae
 

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from msgs_py.numeric.settings import BOUND_SIGMA, NOT_ZERO
 from msgs_py.numeric.typed import FloatArray
 
-from ..detection.settings import GATE, LEAST_DIVISOR
 from . import settings
 from .curve import Curve, cross, flipped
 
@@ -73,7 +73,7 @@ def oriented_by_faces(curves: Sequence[Curve], ends: FloatArray, err_per: FloatA
     # A rim that is seen on more than its near side counts as an edge that touches its far side.
     rims = [curve for curve in curves if curve.arc[1] >= settings.PARTIAL_ARC]
     ends = np.concatenate([ends, np.array([_far_tangent(curve) for curve in rims]).reshape(-1, 2, 3)])
-    err_per = np.append(err_per, [GATE * np.sqrt(np.trace(curve.covariance[:3, :3])) for curve in rims])
+    err_per = np.append(err_per, [BOUND_SIGMA * np.sqrt(np.trace(curve.covariance[:3, :3])) for curve in rims])
     return [
         flipped(curve)
         if near_side_only(curve) and curve.normal @ curve.centre > 0.0 and _edge_behind(curve, ends, err_per)
@@ -85,7 +85,7 @@ def oriented_by_faces(curves: Sequence[Curve], ends: FloatArray, err_per: FloatA
 def _towards_camera(curve: Curve) -> FloatArray:
     """(3,) float64: unit direction in the curve's plane, from its centre towards the left camera."""
     towards = curve.normal * (curve.centre @ curve.normal) - curve.centre
-    return towards / max(float(np.linalg.norm(towards)), LEAST_DIVISOR)
+    return towards / max(float(np.linalg.norm(towards)), NOT_ZERO)
 
 
 def _far_tangent(curve: Curve) -> FloatArray:
@@ -104,10 +104,10 @@ def _edge_behind(curve: Curve, ends: FloatArray, err_per: FloatArray) -> bool:
     run = ends - curve.centre
     turn = np.hypot(curve.tilt, settings.TURNED_SIGMA) * np.linalg.norm(run, axis=2)
     of_centre = curve.normal @ curve.covariance[:3, :3] @ curve.normal
-    sigma = np.sqrt(of_centre + turn**2 + (err_per[:, None] / GATE) ** 2)
-    coplanar = (np.abs(run @ curve.normal) < GATE * sigma).all(axis=1)
+    sigma = np.sqrt(of_centre + turn**2 + (err_per[:, None] / BOUND_SIGMA) ** 2)
+    coplanar = (np.abs(run @ curve.normal) < BOUND_SIGMA * sigma).all(axis=1)
     along = ends[:, 1] - ends[:, 0]
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), LEAST_DIVISOR)
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), NOT_ZERO)
     across = run[:, 0] - (run[:, 0] * along).sum(axis=1, keepdims=True) * along
     behind = -(across @ _towards_camera(curve)) > settings.BEHIND * curve.radii[0]
     return bool((coplanar & behind).any())

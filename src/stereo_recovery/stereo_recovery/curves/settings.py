@@ -1,7 +1,7 @@
 """Every number of this room: symbol, unit, meaning and source.
 
 sigma is one standard deviation; a share and a cosine have no unit. [D] is derived as stated, [R] was chosen on rendered
-scenes with test/benchmarks/bench_curves.py. What is decided, :mod:`.agreement` decides, by chi squared at GATE sigma of
+scenes with test/benchmarks/bench_curves.py. What is decided :mod:`.agreement` decides by chi squared at three sigma of
 stated covariances; what is here states sigmas, scales and limits of searches.
 """
 

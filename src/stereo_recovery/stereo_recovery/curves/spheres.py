@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from msgs_py.numeric.settings import BOUND_SIGMA, NOT_ZERO
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
-from ..detection.settings import CAUCHY, CORRELATION_LENGTH, GATE, LEAST_DIVISOR
+from ..detection.settings import CAUCHY, CORRELATION_LENGTH
 from . import settings
 from .agreement import agrees
 from .curve import CameraView, Curve
@@ -62,11 +63,11 @@ def _sphere(curve: Curve, edgels: StereoEdgels) -> FloatArray | None:
         if not 0.0 < sphere[3] < sphere[2]:
             return None
     of_sphere, of_curve = (
-        float(np.minimum((off / sigma) ** 2, GATE**2).sum())
+        float(np.minimum((off / sigma) ** 2, BOUND_SIGMA**2).sum())
         for off in (_distances(sphere, edgels, index)[0], distances(curve, edgels, index))
     )
     # Two parameters less; edgels that are alike count as one, and the scale is what the curve leaves.
-    worse = (of_sphere - of_curve) / (of_curve + LEAST_DIVISOR) * len(index) / CORRELATION_LENGTH
+    worse = (of_sphere - of_curve) / (of_curve + NOT_ZERO) * len(index) / CORRELATION_LENGTH
     return sphere if agrees(np.sqrt([max(worse, 0.0)]), np.eye(1), 2) else None
 
 
@@ -81,7 +82,7 @@ def _distances(sphere: FloatArray, edgels: StereoEdgels, index: IntArray) -> tup
     square, along = (sight * sight).sum(axis=1), (centre * sight).sum(axis=1)
     touching = (centre * centre).sum(axis=1) - sphere[3] ** 2
     slope = 2.0 * (touching[:, None] * sight - along[:, None] * centre)[:, :2] / camera[:, :2]
-    steep = np.hypot(slope[:, 0], slope[:, 1]) + LEAST_DIVISOR
+    steep = np.hypot(slope[:, 0], slope[:, 1]) + NOT_ZERO
     bias = 0.5 * seen.blur * sphere[2] / (camera[:, 0] * sphere[3])
     by_centre = 2.0 * (square[:, None] * centre - along[:, None] * sight)
     rows = np.column_stack([by_centre, -2.0 * sphere[3] * square]) / steep[:, None]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.settings import NOT_ZERO
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 
 from .settings import (
@@ -18,7 +19,6 @@ from .settings import (
     LARGEST_RADIUS_RATIO,
     LEAST_CHORD,
     LEAST_DISCRIMINANT,
-    LEAST_DIVISOR,
     LEAST_PIVOT,
     LEAST_RADIUS,
     LEAST_TURN,
@@ -121,7 +121,7 @@ def fit(points: FloatArray, rounds: int) -> tuple[FloatArray, float]:
             w[i] = g2
             mean += g2 / n
             f = q[0] * x * x + q[1] * x * y + q[2] * y * y + q[3] * x + q[4] * y + q[5]
-            total += f * f / (g2 + LEAST_DIVISOR)
+            total += f * f / (g2 + NOT_ZERO)
         for i in range(n):
             w[i] = 1.0 / max(w[i], LEAST_WEIGHT_SHARE * mean)
         rms = scale * np.sqrt(total / n)
@@ -185,7 +185,7 @@ def _arc_of(points: FloatArray, tolerance: float) -> tuple[bool, FloatArray, flo
         return False, q, rms
     gu, gv = 2.0 * q[0] * u + q[1] * v + q[3], q[1] * u + 2.0 * q[2] * v + q[4]
     value = q[0] * u * u + q[1] * u * v + q[2] * v * v + q[3] * u + q[4] * v + q[5]
-    off = np.sort(np.abs(value) / np.sqrt(gu * gu + gv * gv + LEAST_DIVISOR**2))
+    off = np.sort(np.abs(value) / np.sqrt(gu * gu + gv * gv + NOT_ZERO**2))
     return not off[int(ARC_INLIERS * (len(points) - 1))] > tolerance, q, rms
 
 
@@ -331,5 +331,5 @@ def sampson(conic: FloatArray, points: FloatArray) -> FloatArray:
         hx = conic[0, 0] * x + conic[1, 0] * y + conic[2, 0]
         hy = conic[0, 1] * x + conic[1, 1] * y + conic[2, 1]
         value = hx * x + hy * y + conic[0, 2] * x + conic[1, 2] * y + conic[2, 2]
-        out[k] = 0.5 * value / max(np.hypot(hx, hy), LEAST_DIVISOR)
+        out[k] = 0.5 * value / max(np.hypot(hx, hy), NOT_ZERO)
     return out

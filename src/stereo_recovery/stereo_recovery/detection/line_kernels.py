@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.settings import NOT_ZERO
 from msgs_py.numeric.typed import FloatArray, IntArray
 
 from .settings import (
@@ -16,7 +17,6 @@ from .settings import (
     CORNER_TRIM_SHARE,
     CORRELATION_LENGTH,
     LEAST_BIAS,
-    LEAST_DIVISOR,
     LEAST_INFORMATION,
     LEAST_SAGITTA,
     LEAST_SCALE,
@@ -199,7 +199,7 @@ def _sagitta(
             q = s * s - mean2
             m4 += w[i] * q * q
             dq += w[i] * q * d
-    sagitta = 0.25 * length * length * dq / m4 if m4 > LEAST_DIVISOR else 0.0
+    sagitta = 0.25 * length * length * dq / m4 if m4 > NOT_ZERO else 0.0
     return sw, m2, sagitta
 
 

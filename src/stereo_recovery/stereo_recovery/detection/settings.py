@@ -12,17 +12,14 @@ import numpy as np
 
 # -- several modules ---------------------------------------------------------------------------------------------------
 
-# Residuals up to this many sigma count as noise. [D] three sigma
-GATE = 3.0
 # px: two curves within this distance of each other count as one line. [R]
 ON_LINE = 1.0
 # Cosine of the largest turn between consecutive edgels or joined segments: 60 degrees. [R]
 TURN_COSINE = 0.5
 # px: segments shorter than this have too vague a direction to decide about others. [R]
 DIRECTED_LENGTH = 10.0
-# Numerical floors: what divides is at least LEAST_DIVISOR, and a chord shorter than LEAST_CHORD, px, has no direction.
-# [D] far below what edgels can show, far above rounding.
-LEAST_DIVISOR, LEAST_CHORD = 1e-12, 1e-9
+# px: a chord shorter than this has no direction. [D] far below what edgels can show, far above rounding
+LEAST_CHORD = 1e-9
 # Instead of 0 where a number of any size may divide. [D] nearly the smallest number that a float can hold
 SMALLEST = 1e-300
 # Least number of edgels in a chain, and in a part of one that is split. [R]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.settings import BOUND_SIGMA
 from msgs_py.numeric.typed import FloatArray, Int32Array, IntArray
 
 from .buckets import bucketed, near
@@ -13,7 +14,6 @@ from .line_kernels import Lines, cosine_of, length_of, offset_of, point_at, regr
 from .settings import (
     BREAK_MARGIN,
     BREAK_RANGE,
-    GATE,
     LARGEST_BEND,
     LEAST_CHORD,
     LEAST_EDGELS,
@@ -183,7 +183,7 @@ def continuations(lines: Lines, straightness: float) -> Int32Array:
                 continue
             turn = sine_of(lines, i, k)
             slope = lines.sigma[i, 1] ** 2 + lines.sigma[k, 1] ** 2 + (straightness / min(length, other)) ** 2
-            if turn * turn > min(GATE * GATE * slope, LARGEST_BEND * LARGEST_BEND):
+            if turn * turn > min(BOUND_SIGMA * BOUND_SIGMA * slope, LARGEST_BEND * LARGEST_BEND):
                 continue
             gap = (sx - x) * lines.direction[i, 0] + (sy - y) * lines.direction[i, 1]
             if gap < -WIDEST_OVERLAP or gap > min(WIDEST_GAP, WIDEST_GAP_SHARE * (length + other)):
@@ -193,7 +193,7 @@ def continuations(lines: Lines, straightness: float) -> Int32Array:
             mx, my = point_at(lines, i, si)
             off = offset_of(lines, k, mx, my)
             variance = variance_at(lines, i, si) + variance_at(lines, k, sk) + straightness * straightness
-            if off * off > min(GATE * GATE * variance, ON_LINE * ON_LINE):
+            if off * off > min(BOUND_SIGMA * BOUND_SIGMA * variance, ON_LINE * ON_LINE):
                 continue
             cost = abs(gap) + OFFSET_COST * abs(off)
             if cost < price[i]:

@@ -29,9 +29,6 @@ SHORTEST = 8.0
 
 # -- cameras beyond the main pair --------------------------------------------------------------------------------------
 
-# Square of the difference of what two cameras say of an edge's two unknowns, in its covariance, up to which they agree:
-# chi-squared of two degrees of freedom. [D] three sigma
-VIEW_GATE = 11.8
 # Belief above which a match is no more certain. [D] one in a thousand is wrong
 BELIEF_MOST = 0.999
 # Probability that a camera is blind (covered, blinded, moved since its calibration), and that it agrees on a segment

@@ -7,18 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msgs_py.numeric.robust import OUTLYING
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 from ..estimation.settings import OPEN_SIGMA
-from .settings import (
-    BELIEF_MOST,
-    BLIND_AGREEMENT,
-    BLIND_PRIOR,
-    CONFIRMED_RIGHT,
-    CONFIRMED_WRONG,
-    SIGHTED_AGREEMENT,
-    VIEW_GATE,
-)
+from .settings import BELIEF_MOST, BLIND_AGREEMENT, BLIND_PRIOR, CONFIRMED_RIGHT, CONFIRMED_WRONG, SIGHTED_AGREEMENT
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +62,7 @@ def agreement(hypotheses: Sequence[Hypotheses]) -> BoolArray:
             one, other = hypotheses[a], hypotheses[b]
             off = one.x - other.x
             square = np.einsum('ni,nij,nj->n', off, np.linalg.inv(one.covariance + other.covariance), off)
-            result[a, b] = one.known & other.known & (square < VIEW_GATE)
+            result[a, b] = one.known & other.known & (square < OUTLYING[2])
     return result
 
 
