@@ -144,7 +144,8 @@ def differences(
     lights = materials.light_colours
     # Of what is round, but not along a cylinder.
     stretch = view.local[:, :, :3] * np.where((program.kind == CYLINDER)[:, None, None], [[1.0], [1.0], [0.0]], 1.0)
-    bend = np.linalg.eigvalsh(stretch.transpose(0, 2, 1) @ stretch)[:, 2]
+    # Contiguous for any number of leaves: of one leaf it is in any case, and that would be compiled once more.
+    bend = np.ascontiguousarray(np.linalg.eigvalsh(stretch.transpose(0, 2, 1) @ stretch)[:, 2])
     products = flat.child_products[children] if n else np.zeros((0, 2), dtype=np.int64)
     products[np.isin(children, data.listed)] = 0
     # The mirrored ray turns twice as fast as the normal; a highlight's sigma is 1 / sqrt(shininess).
