@@ -234,6 +234,7 @@ def _record(one: Interpretation) -> dict[str, Any]:
         'evidence': one.evidence,
         'support': one.support,
         'symmetric_poses': [{'position': p.translation, 'orientation_xyzw': p.quaternion} for p in one.symmetric_poses],
+        'ambiguous_poses': [{'position': p.translation, 'orientation_xyzw': p.quaternion} for p in one.ambiguous_poses],
         'proven': one.proven,
         'rejected_reason': one.rejected_reason,
     }
@@ -348,6 +349,8 @@ def summary(result: MatchResult, n_data: int) -> str:
         free = f'; all parallel: free to shift along ({" ".join(f"{value:.3f}" for value in best.free_shift)})'
     if best is not None and best.free_turn is not None:
         free += f'; {best.note}, ({" ".join(f"{value:.3f}" for value in best.free_turn)})'
+    if best is not None and best.ambiguous_poses:
+        free += f'; what is seen does not tell its pose from {len(best.ambiguous_poses)} other(s)'
     return f'{head}; {explained} of {n_data} features explained{free}; {1e3 * seconds:.1f} ms'
 
 

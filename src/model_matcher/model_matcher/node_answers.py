@@ -128,7 +128,15 @@ class Answers:
                     self._frames[one.model, frame].publish(pose_to_stamped(placed(one.pose, pose), header))
         if self._detections is not None and self._node.wanted(self._detections):
             detections = [
-                Detection(one.model, name, score(one), one.pose, one.covariance, *model_box(self._models[one.model]))
+                Detection(
+                    one.model,
+                    name,
+                    score(one),
+                    one.pose,
+                    one.covariance,
+                    *model_box(self._models[one.model]),
+                    one.ambiguous_poses,
+                )
                 for one, name in zip(found, instances)
             ]
             self._detections.publish(detections_to_message(detections, header, self._vision))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from model_matcher import MatchParams, index_model, match
 from model_matcher.closed_form.synthetic.scenes import box, l_shape, prism, random_pose
 from model_matcher.instances import Instances, deviation
-from model_matcher.model.equal_poses import at_point, canonical, canonical_motion, symmetry_group
+from model_matcher.model.equal_poses import apart, at_point, canonical, canonical_motion, symmetry_group
 from model_matcher.model.problem import make_problem
 from model_matcher.model.symmetry import symmetries
 from model_matcher.verification.false_alarms import chance_of, chance_with_images, needed_evidence, needed_with_images
@@ -60,6 +60,17 @@ def test_all_equal_poses_have_one_canonical_pose(name, seed):
     first = canonical(MODELS[name], found(name, pose)).pose
     second = canonical(MODELS[name], found(name, pose.compose(some_symmetry(name, rng)))).pose
     assert first.error_to(second).rotation < 1e-6 and first.error_to(second).translation < 1e-7
+
+
+@few
+@given(names, seeds)
+def test_equal_poses_are_not_apart_and_others_by_what_they_are_moved(name, seed):
+    rng = np.random.default_rng(seed)
+    index, pose = MODELS[name], random_pose(rng)
+    assert apart(index, pose, pose.compose(some_symmetry(name, rng))) < 1e-6
+    shift = rng.normal(size=3) * 1e-3
+    moved = Pose(pose.rotation, pose.translation + shift)
+    assert abs(apart(index, pose, moved) - np.linalg.norm(shift) / index.size) < 1e-9
 
 
 @few

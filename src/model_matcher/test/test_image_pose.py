@@ -1,5 +1,6 @@
 """The pose measured in images: steps, alignment, presence, and the whole on rendered pairs."""
 
+import itertools
 import math
 
 import cv2
@@ -20,6 +21,7 @@ from model_matcher.image_pose.profiles import Quality, Stretches, find_steps, fi
 from model_matcher.image_pose.settings import BESIDE, CANDIDATES, FIRST_WALK, FLANK, WALKS
 from model_matcher.image_pose.sight import look, same_curves
 from model_matcher.image_pose.views import Views
+from model_matcher.model.equal_poses import apart
 from msgs_py import PinholeCamera, Pose, StereoRig
 from stereo_recovery import recover
 
@@ -346,14 +348,14 @@ def test_a_curve_has_one_number_in_all_views():
     assert len(set(curve.tolist())) == 3
 
 
-def rendered(name, seed, noise=2.0):
-    """Shape, features, true pose and the views of an object of a scene file in a random pose."""
+def rendered(name, seed, noise=2.0, turn=None):
+    """Shape, features, true pose and the views of an object of a scene file in a random pose, or at a turn (3, 3)."""
     solid = next(iter(load_models(name).values()))
     shape = SolidOutline(solid)
     rng = np.random.default_rng([seed, 7])
     distance = 4.0 * shape.size
     rig = StereoRig.symmetric(CAMERA, 0.2 * distance)
-    turn = Rotation.random(random_state=rng).as_matrix()
+    turn = Rotation.random(random_state=rng).as_matrix() if turn is None else turn
     pose = Pose(turn, np.array([0.5 * rig.baseline, 0.0, distance]) - turn @ shape.centre)
     lights = [Light((0.3, -0.5, 0.2), (0.8,) * 3), Light((-0.5, -0.2, -0.3), (0.3,) * 3)]
     scene = Scene([solid.transformed(pose)], lights, (0.2,) * 3, (0.4,) * 3)
@@ -457,6 +459,18 @@ class TestMatching:
         assert len(by_images.outlines) == len(by_images.interpretations)
         assert pose.error_to(by_images.best.pose).rotation_deg < 0.1
         assert by_features.best is None or np.isnan(by_features.best.support)
+
+    # The chip cuts a corner of the far side off; the near one is a rectangle either way round.
+    @pytest.mark.parametrize(('turns', 'poses'), [((25.0, 4.0, 185.0), 2), ((25.0, 30.0, 20.0), 1)])
+    def test_a_pose_that_the_images_do_not_tell_from_another_comes_with_it(self, turns, poses):
+        turn = Rotation.from_euler('zyx', turns, degrees=True).as_matrix()
+        shape, solid, pose, views, rig = rendered('chipped_block', 5, turn=turn)
+        index = index_model(model_features(solid), 'chipped_block', shape)
+        best = match(index, recover(*views.images, rig).features, views=views).best
+        named = (best.pose, *best.ambiguous_poses)
+        assert len(named) == poses and all(one in best.symmetric_poses for one in best.ambiguous_poses)
+        assert min(pose.error_to(one).rotation_deg for one in named) < 0.2
+        assert all(apart(index, one, other) > 0.5 for one, other in itertools.combinations(named, 2))
 
     def test_an_absent_model_is_refused_with_what_the_images_say(self):
         _, _, _, views, rig = rendered('plug', 1)

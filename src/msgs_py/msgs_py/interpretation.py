@@ -56,6 +56,9 @@ class Interpretation:
     chance : float
         Share of the searches for a model that is not there in which chance brings as much evidence, 0 to 1; not a
         number where the evidence was not weighed.
+    ambiguous_poses : tuple of Pose
+        Those of symmetric_poses at which the model does not look the same, as a box seen from behind may be the other
+        way round: what was seen does not tell which of them it has.
 
     Raises
     ------
@@ -85,6 +88,7 @@ class Interpretation:
     evidence: float = float('nan')
     support: float = float('nan')
     chance: float = float('nan')
+    ambiguous_poses: tuple[Pose, ...] = field(default=())
 
     def __post_init__(self) -> None:
         assignment = np.array(self.assignment, dtype=np.int32)
@@ -109,7 +113,8 @@ class Interpretation:
         for name in ('free_shift', 'free_turn'):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, as_finite(name, getattr(self, name), (3,)))
-        object.__setattr__(self, 'symmetric_poses', tuple(self.symmetric_poses))
+        for name in ('symmetric_poses', 'ambiguous_poses'):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         object.__setattr__(self, 'residual_rms', float(self.residual_rms))
 
     @property

@@ -345,6 +345,7 @@ class TestMarkersAndReports:
             evidence=12.5 if accepted else float('nan'),
             support=residual,
             chance=residual,
+            ambiguous_poses=(pose.inverse(),),
         )
         (back,) = codecs.interpretations_from_report(codecs.report_from_interpretations([item], HEADER))
         for name in ('assignment', 'sign'):
@@ -355,6 +356,7 @@ class TestMarkersAndReports:
             'matched',
             'residual_rms',
             'symmetric_poses',
+            'ambiguous_poses',
             'proven',
             'rejected_reason',
             'note',
@@ -369,10 +371,10 @@ class TestMarkersAndReports:
 
     def test_a_report_from_before_free_turns_and_notes_is_read(self):
         report = codecs.report_from_interpretations([Interpretation('m', [0], [1], Pose(), note='new')])
-        later = ('free_turn', 'note', 'evidence', 'support', 'chance')
+        later = ('free_turn', 'note', 'evidence', 'support', 'chance', 'ambiguous_poses')
         report.status[0].values = [v for v in report.status[0].values if v.key not in later]
         (back,) = codecs.interpretations_from_report(report)
-        assert back.free_turn is None and back.note is None
+        assert back.free_turn is None and back.note is None and back.ambiguous_poses == ()
         assert np.isnan([back.evidence, back.support, back.chance]).all()
 
     def test_a_damaged_report_names_status_and_key(self):

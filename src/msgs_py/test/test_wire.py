@@ -264,6 +264,7 @@ def test_a_report_reads_as_its_page_says():
         'evidence': None,
         'support': 0.5,
         'chance': None,
+        'ambiguous_poses': [],
         'instance': 'chair/3',
     }
     told = {item.key: json.loads(item.value) for item in second.values}
@@ -314,6 +315,14 @@ def test_a_detection_has_the_box_of_its_model():
     # The middle (1, 2, 2) is turned to (-2, 1, 2), twice as far, and moved.
     assert_pose(first.bbox.center, [1 - 4, 2 + 2, 3 + 4], QUARTER)
     assert [first.bbox.size.x, first.bbox.size.y, first.bbox.size.z] == [4.0, 8.0, 12.0]
+
+
+def test_poses_that_an_object_may_have_instead_are_hypotheses_that_share_its_score():
+    one = codecs.Detection('box', 'box/1', 0.75, POSE, np.eye(6), np.zeros(3), np.ones(3), (AWAY, Pose.identity()))
+    results = codecs.detections_to_message([one], HEADER, KEPT).detections[0].results
+    assert [(each.hypothesis.class_id, each.hypothesis.score) for each in results] == 3 * [('box', 0.25)]
+    assert_pose(results[1].pose.pose, AWAY.translation, AWAY.quaternion)
+    assert [any(each.pose.covariance) for each in results] == [True, False, False]
 
 
 def shapes():

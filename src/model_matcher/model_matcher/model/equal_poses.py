@@ -19,7 +19,7 @@ from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
 from ..geometry.settings import ROUNDING
 from .index import ModelIndex
-from .symmetry import axis_of_revolution, equal_but_for_turn, near, symmetries
+from .symmetry import axis_of_revolution, equal_but_for_turn, moved, near, symmetries
 
 
 def symmetry_group(index: ModelIndex) -> dict[str, Any]:
@@ -102,6 +102,27 @@ def canonical_motion(index: ModelIndex, pose: Pose) -> Pose:
     order: list[list[float]] = (numbers / ROUNDING).round().tolist()
     best = max(range(len(order)), key=order.__getitem__)
     return Pose(rotations[best], translations[best])
+
+
+def apart(index: ModelIndex, one: Pose, other: Pose) -> float:
+    """How far the ends of a model are moved from one pose to another, of those that look the same the nearest.
+
+    Parameters
+    ----------
+    index : ModelIndex
+        The model.
+    one, other : Pose
+        camera_T_model.
+
+    Returns
+    -------
+    float
+        In sizes of the model.
+    """
+    rotations, translations = equal_motions(index, one.rotation, other.rotation)
+    turned = one.rotation @ rotations
+    gap = turned @ index.middle * one.scale + one.apply(translations) - other.apply(index.middle[None])
+    return float(moved((turned * other.rotation).sum(axis=(1, 2)), np.linalg.norm(gap, axis=1), index.size).min())
 
 
 def canonical(index: ModelIndex, found: Interpretation) -> Interpretation:

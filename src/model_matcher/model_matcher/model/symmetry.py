@@ -181,10 +181,10 @@ def symmetric_poses(index: ModelIndex, pose: Pose, known: tuple[Pose, ...] = ())
 def near(index: ModelIndex, a: Pose, b: Pose) -> bool:
     """Whether no end of the model is moved by more than 1 % of its size."""
     gap = a.apply(index.middle) - b.apply(index.middle)
-    return bool(_moved(np.sum(a.rotation * b.rotation), float(np.linalg.norm(gap)), index.size) < SAME)
+    return bool(moved(np.sum(a.rotation * b.rotation), float(np.linalg.norm(gap)), index.size) < SAME)
 
 
-def _moved(trace: np.ndarray | float, gap: np.ndarray | float, size: float) -> np.ndarray:
+def moved(trace: np.ndarray | float, gap: np.ndarray | float, size: float) -> np.ndarray:
     """In model sizes, how far poses move the ends of a model, half its size from the middle.
 
     trace : of the turn between them, 3 less the squared chord of its angle; gap : metres, of its middle
@@ -241,7 +241,7 @@ def _that_map(
         chosen = [*found]
         turns = np.einsum('mij,ij->m', rotations[chosen], rotations[k])
         gaps = np.linalg.norm(middles[chosen] - middles[k], axis=1)
-        if (_moved(turns, gaps, index.size) < SAME).any():
+        if (moved(turns, gaps, index.size) < SAME).any():
             continue
         motion = Pose(rotations[k], shifts[k])
         if not near(index, motion, Pose.identity()) and _maps(motion, rows, alike, tolerance):

@@ -8,7 +8,7 @@ scale that fits what was found best is then estimated with the pose.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -329,15 +329,19 @@ def _scale_is_open(index: ModelIndex, chosen: FloatArray, found: Interpretation)
 
 def _with_scale(one: Interpretation, scale: float) -> Interpretation:
     """An interpretation of data / scale as one of the data itself."""
-    poses = [Pose(p.rotation, p.translation * scale, p.scale * scale) for p in (one.pose, *one.symmetric_poses)]
+
+    def scaled(poses: Iterable[Pose]) -> tuple[Pose, ...]:
+        return tuple(Pose(p.rotation, p.translation * scale, p.scale * scale) for p in poses)
+
     covariance = None
     if one.covariance is not None:
         units = np.array([scale] * 3 + [1.0] * 3)
         covariance = one.covariance * units[:, None] * units
     return replace(
         one,
-        pose=poses[0],
-        symmetric_poses=tuple(poses[1:]),
+        pose=scaled([one.pose])[0],
+        symmetric_poses=scaled(one.symmetric_poses),
+        ambiguous_poses=scaled(one.ambiguous_poses),
         covariance=covariance,
         residual_rms=one.residual_rms * scale,
     )

@@ -4,7 +4,8 @@ The evidence of a hypothesis is that of its features, that of its outline in the
 and that of its surface (:mod:`..image_pose.surface`). All come from the same pictures and say partly the same: what
 each counts for, and what chance reaches, was fitted to the hypotheses of searches whose answer is known
 (test/benchmarks/calibrate_evidence.py). Hypotheses are taken in the order of their evidence. A feature, and a step of
-the image, belong to the first that explains it.
+the image, belong to the first that explains it. What else explains them about as well is another pose that the object
+may have: a box seen from behind may be the other way round. An answer names all of these.
 """
 
 from __future__ import annotations
@@ -28,10 +29,12 @@ from ..image_pose.settings import DECISIVE, REACH, SPACING, UNSEEN_TURN
 from ..image_pose.sight import Shape
 from ..image_pose.surface import Agreement, agreement, log_ratio
 from ..image_pose.views import Views
+from ..model.equal_poses import apart
 from ..model.index import ModelIndex
 from ..model.problem import Problem
 from ..model.regularity import regularity
-from ..model.symmetry import axis_of_revolution, common_axis, equal_but_for_turn, near, symmetries
+from ..model.symmetry import axis_of_revolution, common_axis, equal_but_for_turn, near, symmetric_poses, symmetries
+from ..search.settings import SAME_POSE
 from .evidence import displaced
 from .false_alarms import chance_with_images
 from .refinement import evidence_at
@@ -52,12 +55,15 @@ class Weighed:
         What the images show of its outline.
     surface : tuple of Agreement, optional
         What they show of its faces; None where that was not asked.
+    rivals : tuple of Weighed
+        Other poses of the same data, of which the images show less.
     """
 
     hypothesis: Interpretation
     motion: FloatArray
     shown: Presence
     surface: tuple[Agreement, ...] | None = None
+    rivals: tuple[Weighed, ...] = ()
 
     @property
     def evidence(self) -> float:
@@ -106,20 +112,33 @@ def weigh(
         while _pixels(shape, as_pose(turned), coarse) > SEEN_LARGE:
             coarse, near = coarse.halved, 2.0 * near
         poses = _turns(problem.index, shape, hypothesis, turned, coarse)
-    chosen = poses
-    if len(poses) > TURNED:
-        # One look at each, as coarse as its steps are, says which to draw in.
-        glances = spread(
-            lambda pose: -math.inf if deadline.passed else presence(shape, pose, coarse, spacing=REACH).log_ratio, poses
-        )
-        chosen = [poses[k] for k in np.argsort(glances)[::-1][:TURNED]]
+    # A look at each, as coarse as its steps are, says which to look at closely, and that which to draw in.
+    for seen, spacing in ((coarse, REACH), (views, SPACING)):
+        if len(poses) > TURNED and not deadline.passed:
+            poses = _likeliest(shape, poses, seen, spacing, deadline)
     found: list[Weighed] = []
-    for pose in chosen:
+    for pose in poses[:TURNED]:
         if found and deadline.passed:
             break
         motion, sight = looked_for(shape, pose, views, near)
         found.append(Weighed(_at(problem, hypothesis, motion), motion, shown(sight, views)[0]))
-    return max(found, key=lambda one: one.shown.log_ratio)
+    best, *others = sorted(found, key=lambda one: -one.shown.log_ratio)
+    return replace(best, rivals=tuple(others))
+
+
+def _likeliest(shape: Shape, poses: list[Pose], views: Views, spacing: float, deadline: Deadline) -> list[Pose]:
+    """Of poses those that a look does not tell from the best one, the best first.
+
+    spacing : pixels between the points that are looked at
+    """
+    glances = np.array(
+        spread(
+            lambda pose: -math.inf if deadline.passed else presence(shape, pose, views, spacing=spacing).log_ratio,
+            poses,
+        )
+    )
+    order = np.argsort(-glances)
+    return [poses[k] for k in order if glances[k] >= glances[order[0]] - DECISIVE]
 
 
 def _at(problem: Problem, hypothesis: Interpretation, motion: FloatArray) -> Interpretation:
@@ -213,7 +232,8 @@ def accepted_by_images(
     """
     weighed, rejected = _all_weighed(problem, shape, hypotheses, views, needed, deadline)
     weighed = _with_turns(problem, shape, weighed, views, deadline)
-    weighed = [_with_surface(shape, one, views, needed) for one in weighed]
+    every = [each for one in weighed for each in (one, *one.rivals)]
+    weighed = [_with_surface(shape, one, views, needed) for one in every]
     accepted: list[Interpretation] = []
     taken: list[Weighed] = []
     refused = []
@@ -221,7 +241,8 @@ def accepted_by_images(
         reason = _why_rejected(found, taken, claimed, needed) or _another(problem, found)
         if reason is None:
             taken.append(found)
-            accepted.append(_measured(shape, found, views))
+            rivals = _rivals(problem.index, found, weighed)
+            accepted.append(_measured(problem.index, shape, found, rivals, views))
         else:
             hypothesis = found.hypothesis
             refused.append(
@@ -245,15 +266,16 @@ def _all_weighed(
     deadline: Deadline,
 ) -> tuple[list[Weighed], list[Interpretation]]:
     """Hypotheses weighed, and those that were not: no time was left, or one that is seen whole has their data."""
+    index = problem.index
     weighed: list[Weighed] = []
     rejected: list[Interpretation] = []
     # The best one often leaves no room for any other; those after it are looked at together.
     for some in (hypotheses[:1], hypotheses[1:]):
-        with_room = [one for one in some if not any(_leaves_no_room(other, one, needed) for other in weighed)]
+        with_room = [one for one in some if not any(_leaves_no_room(index, other, one, needed) for other in weighed)]
         found = spread(lambda one: None if deadline.passed else weigh(problem, shape, one, views, deadline), with_room)
         looked_at = dict(zip(map(id, with_room), found))
         for one in some:
-            if any(_leaves_no_room(other, one, needed) for other in weighed):
+            if any(_leaves_no_room(index, other, one, needed) for other in weighed):
                 rejected.append(replace(one, rejected_reason='competes for the same data with one that is seen whole'))
             elif (seen := looked_at[id(one)]) is None:
                 rejected.append(replace(one, rejected_reason=one.rejected_reason or 'no time was left to look for it'))
@@ -262,11 +284,18 @@ def _all_weighed(
     return weighed, rejected
 
 
-def _leaves_no_room(found: Weighed, other: Interpretation, needed: float) -> bool:
-    """Whether a hypothesis is seen so well that no other one can explain the same data better."""
-    mine = other.assignment != BIN
-    shared = int((mine & (found.hypothesis.assignment != BIN)).sum())
-    return found.evidence >= needed and found.shown.support > WHOLE and shared > CLAIMED * int(mine.sum())
+def _leaves_no_room(index: ModelIndex, found: Weighed, other: Interpretation, needed: float) -> bool:
+    """Whether a hypothesis is seen so well that no other one can explain the same data as well."""
+    if found.evidence < needed or found.shown.support <= WHOLE or not _shares_data(other, found.hypothesis):
+        return False
+    behind = found.hypothesis.evidence - other.evidence
+    return behind > DECISIVE or apart(index, as_pose(found.motion), other.pose) < SAME_POSE
+
+
+def _shares_data(one: Interpretation, other: Interpretation) -> bool:
+    """Whether another one claims more than CLAIMED of the data that one explains."""
+    mine = one.assignment != BIN
+    return int((mine & (other.assignment != BIN)).sum()) > CLAIMED * int(mine.sum())
 
 
 def _with_turns(
@@ -308,16 +337,31 @@ def _another(problem: Problem, one: Weighed) -> str | None:
     return f'a curve is seen where the model has none ({against:.1f} nats): this is another object like it'
 
 
-def _measured(shape: Shape, one: Weighed, views: Views) -> Interpretation:
-    """An accepted hypothesis at the pose that the images give it."""
+def _rivals(index: ModelIndex, one: Weighed, weighed: Sequence[Weighed]) -> list[Weighed]:
+    """Hypotheses at other poses that explain the same data and images, none much worse, the best first."""
+    found: list[Weighed] = []
+    for other in sorted(weighed, key=lambda each: -each.evidence):
+        if not 0.0 <= one.evidence - other.evidence <= DECISIVE or not _shares_data(other.hypothesis, one.hypothesis):
+            continue
+        poses = [as_pose(each.motion) for each in (one, *found)]
+        if all(apart(index, pose, as_pose(other.motion)) > SAME_POSE for pose in poses):
+            found.append(other)
+    return found
+
+
+def _measured(index: ModelIndex, shape: Shape, one: Weighed, rivals: Sequence[Weighed], views: Views) -> Interpretation:
+    """An accepted hypothesis at the pose that the images give it, with those that it may have instead."""
     found = polished(shape, one.motion, views)
     hypothesis = one.hypothesis
     turn, note = hypothesis.free_turn, hypothesis.note
     if turn is not None and float(turn @ found.covariance[3:, 3:] @ turn) < UNSEEN_TURN:
         turn, note = None, None  # the images tell what the features left open
+    others = tuple(polished(shape, other.motion, views).pose for other in rivals)
     return replace(
         hypothesis,
         pose=found.pose,
+        symmetric_poses=symmetric_poses(index, found.pose, others),
+        ambiguous_poses=others,
         covariance=found.covariance,
         evidence=one.evidence,
         chance=chance_with_images(one.evidence),
@@ -338,10 +382,8 @@ def _why_rejected(one: Weighed, taken: list[Weighed], claimed: Sequence[Presence
             f'{one.hypothesis.evidence:.1f}, images {one.shown.log_ratio:+.1f} (they confirm {one.shown.support:.0%} '
             f'of the outline), surface {log_ratio(faces):+.1f} ({agree} of {looked} patches of it agree)'
         )
-    mine = one.hypothesis.assignment != BIN
     for other in taken:
-        shared = int((mine & (other.hypothesis.assignment != BIN)).sum())
-        if shared > CLAIMED * int(mine.sum()):
+        if _shares_data(one.hypothesis, other.hypothesis):
             return (
                 'competes for the same data with a better interpretation '
                 f'(evidence {one.evidence:.1f} against {other.evidence:.1f} nats)'

@@ -7,9 +7,11 @@ import numpy as np
 from msgs_py import BIN, FeatureKind, Interpretation, Pose
 
 from ..geometry.pose_rows import as_pose
+from ..model.equal_poses import apart
 from ..model.problem import Problem
 from ..model.regularity import regularity
 from ..model.symmetry import Axis, axis_of_revolution, common_axis, equal_but_for_turn
+from ..search.settings import SAME_POSE
 from .false_alarms import chance_of
 from .pose_fit import FittedPose
 from .refinement import Refined
@@ -98,6 +100,7 @@ def as_interpretation(
         residual_rms=fitted.rms,
         covariance=fitted.covariance,
         symmetric_poses=others,
+        ambiguous_poses=tuple(one for one in others if apart(problem.index, pose, one) > SAME_POSE),
         rejected_reason=reason,
         free_turn=turn,
         note=note,

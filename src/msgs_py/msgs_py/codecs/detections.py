@@ -34,6 +34,8 @@ class Detection:
         As in :func:`.poses.pose_with_covariance`.
     low, high : (3,) float64
         Corners of the model's bounding box, model frame, metres.
+    others : tuple of Pose
+        Poses that it may have instead; which is likelier is not known.
     """
 
     model: str
@@ -43,6 +45,7 @@ class Detection:
     covariance: FloatArray | None
     low: FloatArray
     high: FloatArray
+    others: tuple[Pose, ...] = ()
 
 
 def detection_messages() -> Any | None:
@@ -67,7 +70,8 @@ def detections_to_message(detections: Iterable[Detection], header: Header, messa
     Returns
     -------
     vision_msgs.msg.Detection3DArray
-        One hypothesis for each detection. The pose is that of the model's origin, the box has the model's axes.
+        One hypothesis for each pose that a detection may have; they share its score. A pose is that of the model's
+        origin, the box has the axes of the model at the first.
     """
     return messages.Detection3DArray(
         header=header, detections=[_detection(one, header, messages) for one in detections]
@@ -78,9 +82,14 @@ def _detection(one: Detection, header: Header, messages: Any) -> Any:
     """One detection; a scale is none of the pose, so it goes into the size of the box."""
     middle = Pose(one.pose.rotation, one.pose.apply(0.5 * (one.low + one.high)))
     size = one.pose.scale * (one.high - one.low)
-    hypothesis = messages.ObjectHypothesisWithPose(
-        hypothesis=messages.ObjectHypothesis(class_id=one.model, score=float(np.clip(one.score, 0.0, 1.0))),
-        pose=pose_with_covariance(one.pose, one.covariance),
-    )
+    score = float(np.clip(one.score, 0.0, 1.0)) / (1 + len(one.others))
+    covariances = one.covariance, *(None for _ in one.others)
+    results = [
+        messages.ObjectHypothesisWithPose(
+            hypothesis=messages.ObjectHypothesis(class_id=one.model, score=score),
+            pose=pose_with_covariance(pose, covariance),
+        )
+        for pose, covariance in zip((one.pose, *one.others), covariances)
+    ]
     box = messages.BoundingBox3D(center=pose_to_message(middle), size=Vector3(x=size[0], y=size[1], z=size[2]))
-    return messages.Detection3D(header=header, results=[hypothesis], bbox=box, id=one.instance)
+    return messages.Detection3D(header=header, results=results, bbox=box, id=one.instance)

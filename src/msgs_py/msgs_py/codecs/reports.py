@@ -24,7 +24,7 @@ ACCEPTED = 'accepted'
 # Values that are read back; 'matched', 'score' and 'instance' are there for a person.
 READ_BACK = ('residual_rms_m', 'assignment', 'sign', 'pose', 'covariance', 'symmetric_poses', 'proven', 'free_shift')
 # As these, but reports written before there were any lack them.
-ADDED = ('free_turn', 'note', 'evidence', 'support', 'chance')
+ADDED = ('free_turn', 'note', 'evidence', 'support', 'chance', 'ambiguous_poses')
 
 
 def report_from_interpretations(
@@ -65,6 +65,7 @@ def report_from_interpretations(
             'evidence': _number(item.evidence),
             'support': _number(item.support),
             'chance': _number(item.chance),
+            'ambiguous_poses': [_pose_values(pose) for pose in item.ambiguous_poses],
         }
         if instance is not None:
             values['instance'] = instance
@@ -111,6 +112,7 @@ def interpretations_from_report(report: DiagnosticArray) -> list[Interpretation]
                     evidence=_or_nan(decoded['evidence']),
                     support=_or_nan(decoded['support']),
                     chance=_or_nan(decoded['chance']),
+                    ambiguous_poses=tuple(_pose(pose) for pose in decoded['ambiguous_poses'] or ()),
                 )
             )
         except KeyError as error:
