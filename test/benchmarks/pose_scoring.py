@@ -22,13 +22,17 @@ WRONG_DEG, WRONG_M = 3.0, 0.010
 # smoothed by so much; samples stand a pixel apart, and fewer than so many say nothing.
 WITNESS_REACH, WITNESS_SMOOTH, WITNESS_LEAST = 2.5, 0.7, 20
 _STEP = 0.25
+VERDICTS = ('right', 'twice', 'ambiguous', 'wrong', 'false')
 GREEN, RED, MAGENTA, YELLOW = (80, 230, 60), (60, 60, 255), (255, 0, 255), (0, 220, 255)
 
 
 @dataclass
 class Answer:
-    """A reported pose. verdict : 'right', 'twice' (an instance that a better answer has), 'wrong' (the part is there,
-    not so), 'false' (it is not there); like : it lies on an instance of a part that is nearly the same.
+    """A reported pose.
+
+    verdict : 'right', 'twice' (an instance that a better answer has), 'ambiguous' (another pose that the answer names
+    is right), 'wrong' (the part is there, not so), 'false' (it is not there); like : it lies on an instance of a part
+    that is nearly the same.
 
     stated, bounded : the squared error in units of the stated covariance and of the least one, over the median of chi
         squared: 1 in the median where that is true; witness_px, witness_true_px : see :func:`witness_rms`
@@ -94,6 +98,8 @@ def _judged(posed: PosedPair, part: Part, found: Interpretation, numbers: list[i
         one.part.name == ALIKE.get(part.name) and float(np.linalg.norm(one.place - place)) <= WRONG_M
         for one in posed.instances
     )
+    if any(_first_right(posed.instances[k], list(found.ambiguous_poses)) is not None for k in numbers):
+        return Answer(pose, 'ambiguous')
     return Answer(pose, 'wrong' if numbers else 'false', like=like)
 
 
@@ -266,7 +272,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     result: dict[str, Any] = {'pairs': len(rows), 'searches': len(searches)}
     result |= {key: sum(s[key] for s in searches) for key in ('to_find', 'found', 'refused_best', 'refused_any')}
     result['found_share'] = result['found'] / result['to_find'] if result['to_find'] else None
-    result |= {name: sum(a['verdict'] == name for a in answers) for name in ('right', 'twice', 'wrong', 'false')}
+    result |= {name: sum(a['verdict'] == name for a in answers) for name in VERDICTS}
     result['like'] = sum(a['like'] for a in answers)
     result['absent'] = sum(not s['present'] for s in searches)
     for key, quantiles in (
@@ -298,7 +304,7 @@ def _quantiles(key: str, values: list[float], quantiles: tuple[float, ...]) -> d
 
 def drawing(posed: PosedPair, searches: list[Search]) -> np.ndarray:
     """Both images, (h, w, 3) uint8: right answers green, wrong and false ones magenta, missed instances red, where they
-    are, and what was found twice yellow."""
+    are, and what was found twice, or at one of two poses that look alike, yellow."""
     pair = posed.pair
     eyes = []
     for image, camera, shift in ((pair.left, pair.rig.left, 0.0), (pair.right, pair.rig.right, pair.rig.baseline)):
@@ -309,7 +315,7 @@ def drawing(posed: PosedPair, searches: list[Search]) -> np.ndarray:
             for number in search.missed:
                 _draw(picture, factor, search.part.solid, posed.instances[number].pose, camera, shift, RED)
             for answer in search.answers:
-                colour = {'right': GREEN, 'twice': YELLOW}.get(answer.verdict, MAGENTA)
+                colour = {'right': GREEN, 'twice': YELLOW, 'ambiguous': YELLOW}.get(answer.verdict, MAGENTA)
                 _draw(picture, factor, search.part.solid, answer.pose, camera, shift, colour)
         eyes.append(picture)
     height = max(eye.shape[0] for eye in eyes)

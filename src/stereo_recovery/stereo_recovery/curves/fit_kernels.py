@@ -294,7 +294,8 @@ def minimise(shape: CurveShape, circle: bool, seen: Seen, index: IntArray) -> tu
         other = moved(shape, step, circle)
         residuals(other, seen, index, distance, bias, none)
         new_cost = (weights * distance * distance).sum()
-        if not new_cost <= cost:
+        # An ellipse that has become a line has no way back.
+        if not (new_cost <= cost and other.radii.min() > 0.0):
             damping *= DAMPING_FACTOR
             continue
         shape, gained = other, cost - new_cost
