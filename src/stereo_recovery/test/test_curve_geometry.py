@@ -141,6 +141,20 @@ def test_a_circle_is_not_taken_for_an_ellipse():
     assert refine(true, both(true, noise=0.03), circle=False) is None
 
 
+@given(st.integers(0, 10**6))
+@example(1905)
+@settings(max_examples=60, deadline=None)
+def test_a_fit_to_noise_ends_without_a_curve_or_with_one_of_some_width(seed):
+    rng = np.random.default_rng(seed)
+    tilt, ratio = (rng.uniform(-2.0, 2.0), rng.uniform(-2.0, 2.0), -1.0), rng.uniform(0.02, 1.0)
+    true = curve([0.02, 0.0, 0.25], tilt, 0.018, 0.018 * ratio)
+    end, noise = 0.3 + rng.uniform(0.2, 2.0), rng.uniform(0.1, 2.0)
+    mine = [edgels_of(true, view, arc=(0.3, end), noise=noise, seed=2 * seed + k) for k, view in enumerate(VIEWS)]
+    start = replace(true, normal=curve([0, 0, 1], [rng.normal(), rng.normal(), -1.0]).normal)
+    found = refine(start, StereoEdgels(*mine, RIG, 0.0), circle=False)
+    assert found is None or found.radii.min() > 0.0
+
+
 def test_stated_errors_of_a_fit_are_true():
     """Of 60 noisy arcs nearly all lie within three sigma, and the sigma is not more than twice too wide. The edgels'
     noise is independent here, while that of a picture is not: neighbours count as one, so bounds are wide by design."""
