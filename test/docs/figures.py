@@ -140,7 +140,7 @@ def found_in_pictures() -> str:
     rows.append(
         [
             f'30 % of a part among 80 % of other things, rendered, {figures["pairs"]} pairs',
-            f'{figures["found"]} of {figures["to_find"]}',
+            f'{figures["found"]} of {figures["to_find"]}; {figures["ambiguous"]} more name the true pose too',
             str(figures['wrong'] + figures['twice']),
             f'{figures["false"]} of {figures["absent"]}',
             _near(figures),
