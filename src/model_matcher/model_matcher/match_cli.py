@@ -350,7 +350,7 @@ def summary(result: MatchResult, n_data: int) -> str:
     if best is not None and best.free_turn is not None:
         free += f'; {best.note}, ({" ".join(f"{value:.3f}" for value in best.free_turn)})'
     if best is not None and best.ambiguous_poses:
-        free += f'; what is seen does not tell its pose from {len(best.ambiguous_poses)} other(s)'
+        free += f'; poses that what is seen does not tell apart: {1 + len(best.ambiguous_poses)}'
     return f'{head}; {explained} of {n_data} features explained{free}; {1e3 * seconds:.1f} ms'
 
 

@@ -8,8 +8,10 @@ import pytest
 import trimesh
 
 import csg_renderer
+from model_matcher import MatchResult
 from model_matcher.closed_form.synthetic.scenes import l_shape, make_scene, wedge
-from model_matcher.match_cli import main
+from model_matcher.match_cli import main, summary
+from msgs_py import Interpretation, Pose
 
 
 @pytest.fixture
@@ -134,3 +136,10 @@ def test_a_mesh_in_any_unit_is_found(tmp_path, capsys, metres, unit):
     said = capsys.readouterr()
     assert f' {unit} across' in (said.out if given else said.err) and ('guessed' in said.err) == (not given)
     assert main([str(path), str(tmp_path / 'features.npz'), '--mesh-units', 'mm' if unit != 'mm' else 'm']) == 1
+
+
+def test_the_summary_counts_the_poses_that_are_not_told_apart():
+    found = Interpretation('box', [0, 1, 2], [1, 1, 1], Pose(), ambiguous_poses=(Pose.from_rotation_vector([0, 0, 3]),))
+    assert 'poses that what is seen does not tell apart: 2' in summary(MatchResult((found,), (), {}, None), 3)
+    alone = Interpretation('box', [0, 1, 2], [1, 1, 1], Pose())
+    assert 'apart' not in summary(MatchResult((alone,), (), {}, None), 3)
