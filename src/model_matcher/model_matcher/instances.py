@@ -1,13 +1,15 @@
 """Which object of the last messages is which of this one: names that stay with an object while it is seen.
 
 An object is the one whose last pose is nearest, in sigmas of both poses and of what it may have moved since; poses
-that a symmetry of the model makes equal are one.
+that a symmetry of the model makes equal are one, and where what was seen does not tell which pose an object has, any of
+them may be it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -78,7 +80,7 @@ class Instances:
         self._stamp = stamp
         moved = [speed * (stamp - one.stamp) / NANOSECONDS for one in self._seen]
         distances = sorted(
-            (deviation(models[new.model], new, old.last, moved[k]), i, k)
+            (min(deviation(models[new.model], a, b, moved[k]) for a, b in product(_at(new), _at(old.last))), i, k)
             for i, new in enumerate(found)
             for k, old in enumerate(self._seen)
             if old.last.model == new.model
@@ -109,6 +111,11 @@ class Instances:
         """Forget where objects were; numbers go on."""
         self._seen.clear()
         self._stamp = 0
+
+
+def _at(found: Interpretation) -> list[Interpretation]:
+    """An interpretation at each pose that it may have."""
+    return [found, *(replace(found, pose=pose, ambiguous_poses=()) for pose in found.ambiguous_poses)]
 
 
 def deviation(index: ModelIndex, new: Interpretation, old: Interpretation, moved: float) -> float:

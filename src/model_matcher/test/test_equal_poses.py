@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -195,6 +196,18 @@ def test_another_place_is_another_object_and_a_number_is_given_once():
     assert seen.names(SECOND, [here], MODELS, 0.0) == ['l_shape/5']
     other = Interpretation('cube', here.assignment[:1], here.sign[:1], here.pose, covariance=SPREAD)
     assert seen.names(SECOND, [other], MODELS, 0.0) == ['cube/1'], 'another model'
+
+
+def test_an_object_keeps_its_name_when_another_of_its_poses_is_reported():
+    rng = np.random.default_rng(4)
+    here = random_pose(rng)
+    there = here.compose(Pose.from_rotation_vector([0.0, 0.0, np.pi]))
+    alone, other = found('l_shape', here, np.eye(6) * 1e-8), found('l_shape', there, np.eye(6) * 1e-8)
+    both = replace(other, ambiguous_poses=(here,), symmetric_poses=(here,))
+    for frames, name in (((alone, both, alone), 'l_shape/1'), ((alone, other, alone), 'l_shape/2')):
+        seen = Instances()
+        names = [seen.names(k * 10**7, [one], MODELS, 0.01)[0] for k, one in enumerate(frames)]
+        assert names == ['l_shape/1', name, 'l_shape/1']
 
 
 def test_the_chance_is_the_rate_whose_evidence_is_needed():
