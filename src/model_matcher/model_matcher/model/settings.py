@@ -49,3 +49,6 @@ CURVE_POINTS = 16
 # Features of the largest model: its table of pairs grows with their square, and takes a second and 200 MB for so many.
 # The largest of the thesis, the plug, has 54.
 LARGEST_MODEL = 2000
+# Two poses count as one when none of a model's ends, half its size from the middle, is moved by more than this part of
+# its size.
+SAME_POSE = 0.06

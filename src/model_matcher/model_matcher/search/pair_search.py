@@ -26,7 +26,8 @@ from ..geometry.pair_pose import (
     pair_window,
 )
 from ..geometry.rigid_motion import transform
-from .settings import LITTLE_EXPLAINED, LONGER, NEAR, NEEDED, REMEMBERED, SAME_POSE, WORTH_KEEPING
+from ..model.settings import SAME_POSE
+from .settings import LITTLE_EXPLAINED, LONGER, NEAR, NEEDED, REMEMBERED, WORTH_KEEPING
 
 
 class Candidates(NamedTuple):

@@ -10,9 +10,6 @@ from typing import NamedTuple
 
 # -- pair search (bench_matcher.py --presets clutter,low_visible,absent) ---------------------------------------------
 
-# Two poses count as one when none of a model's ends, half its size from the middle, is moved by more than this part of
-# its size.
-SAME_POSE = 0.06
 # Distinct model features that a pose must explain: two fix it, so a third is the first to say that it is none of
 # chance.
 NEEDED = 3.0

@@ -33,8 +33,8 @@ from ..model.equal_poses import apart
 from ..model.index import ModelIndex
 from ..model.problem import Problem
 from ..model.regularity import regularity
+from ..model.settings import SAME_POSE
 from ..model.symmetry import axis_of_revolution, common_axis, equal_but_for_turn, near, symmetric_poses, symmetries
-from ..search.settings import SAME_POSE
 from .evidence import displaced
 from .false_alarms import chance_with_images
 from .refinement import evidence_at

@@ -10,8 +10,8 @@ from ..geometry.pose_rows import as_pose
 from ..model.equal_poses import apart
 from ..model.problem import Problem
 from ..model.regularity import regularity
+from ..model.settings import SAME_POSE
 from ..model.symmetry import Axis, axis_of_revolution, common_axis, equal_but_for_turn
-from ..search.settings import SAME_POSE
 from .false_alarms import chance_of
 from .pose_fit import FittedPose
 from .refinement import Refined

@@ -9,7 +9,7 @@ import numpy as np
 
 from msgs_py import Pose
 
-from ...search.settings import SAME_POSE
+from ...model.settings import SAME_POSE
 from .part import PlannedPart
 
 
