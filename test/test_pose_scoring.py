@@ -91,6 +91,17 @@ def test_each_instance_is_found_once_and_a_right_pose_refused_is_told():
     assert search.missed == [1, 2] and search.refused == {1: 1, 2: None}
 
 
+def test_an_answer_that_names_the_right_pose_beside_its_own_is_ambiguous():
+    box = tea_box()
+    posed = PosedPair(None, (Instance(box, POSE, 0.6, None),), (box,))  # type: ignore[arg-type]
+    far = Pose(POSE.rotation, POSE.translation + [0.0, 0.2, 0.0])
+    for named, verdict in (((), 'wrong'), ((far,), 'wrong'), ((far, POSE), 'ambiguous')):
+        one = Interpretation('tea_box', [], [], far, ambiguous_poses=named)
+        search = score_search(posed, box, MatchResult((one,)), 1.0, 1.0)
+        assert [answer.verdict for answer in search.answers] == [verdict]
+        assert search.missed == [0]  # what is found is the pose that is reported
+
+
 @pytest.mark.parametrize('shift', [-1.6, -0.3, 0.0, 0.45, 1.2])
 def test_the_witness_measures_by_how_much_an_edge_is_off(shift):
     columns = np.arange(80.0)

@@ -109,7 +109,7 @@ def _of_pair(job: tuple[str, int, int]) -> list[float | str]:
         if best is None:
             out.append(REFUSED)
             continue
-        errors = [_error(pose, view.pose, alike) for pose in (best.pose, *best.symmetric_poses)]
+        errors = [_error(pose, view.pose, alike) for pose in (best.pose, *best.ambiguous_poses)]
         right = [
             bool(np.linalg.norm(error[:3]) <= WRONG * index.size and np.linalg.norm(error[3:]) <= WRONG)
             for error in errors

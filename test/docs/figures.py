@@ -100,7 +100,7 @@ def pictures() -> str:
     """Parts found in pictures of cameras and path-traced ones."""
     record = read('poses')
     traced, parts, cube, every = (record.figures[name] for name in ('photoreal', 'openvgr', 'visp_cube', 'all'))
-    answers = every['right'] + every['wrong'] + every['false'] + every['twice'] + every.get('ambiguous', 0)
+    answers = every['right'] + every['wrong'] + every['false'] + every['twice'] + every['ambiguous']
     mistakes = every['wrong'] + every['twice']
     return paragraph(f"""
         {traced['found']} of {traced['to_find']} path-traced ones, to {traced['deg']:.2f} degrees and

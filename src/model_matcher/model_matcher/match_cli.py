@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from csg_renderer.mesh.units import GUESS, MESH_UNITS
-from msgs_py import FeatureSet, Interpretation, PinholeCamera, StereoRig
+from msgs_py import FeatureSet, Interpretation, PinholeCamera, Pose, StereoRig
 from msgs_py.commands import DONE, NOTHING, CommandParser, add_json, run_command
 from msgs_py.files import check_image, read_text
 from msgs_py.numeric.typed import ByteArray
@@ -222,19 +222,22 @@ def record(result: MatchResult, n_data: int, hints: Sequence[str] = ()) -> dict[
     }
 
 
+def _place(pose: Pose) -> dict[str, Any]:
+    return {'position': pose.translation, 'orientation_xyzw': pose.quaternion}
+
+
 def _record(one: Interpretation) -> dict[str, Any]:
     return {
         'model': one.model,
-        'position': one.pose.translation,
-        'orientation_xyzw': one.pose.quaternion,
+        **_place(one.pose),
         'scale': one.pose.scale,
         'covariance': one.covariance,
         'matched': one.matched,
         'residual': one.residual_rms,
         'evidence': one.evidence,
         'support': one.support,
-        'symmetric_poses': [{'position': p.translation, 'orientation_xyzw': p.quaternion} for p in one.symmetric_poses],
-        'ambiguous_poses': [{'position': p.translation, 'orientation_xyzw': p.quaternion} for p in one.ambiguous_poses],
+        'symmetric_poses': [_place(pose) for pose in one.symmetric_poses],
+        'ambiguous_poses': [_place(pose) for pose in one.ambiguous_poses],
         'proven': one.proven,
         'rejected_reason': one.rejected_reason,
     }

@@ -38,6 +38,9 @@ SYMMETRY_TOLERANCE = 0.004
 # Cosines, components of unit normals, and shifts and offsets as parts of the model's size: what differs by less than
 # this is the same; poses are, when they move no end of the model by more.
 SAME = 0.01
+# Poses that searches tell apart move an end of the model, half its size from the middle, by more than this part of its
+# size: nearer ones are drawn to one place.
+SAME_POSE = 0.06
 # As a part of the model's size: shorter distances are rounding.
 EXACT = 1e-6
 
@@ -49,6 +52,3 @@ CURVE_POINTS = 16
 # Features of the largest model: its table of pairs grows with their square, and takes a second and 200 MB for so many.
 # The largest of the thesis, the plug, has 54.
 LARGEST_MODEL = 2000
-# Two poses count as one when none of a model's ends, half its size from the middle, is moved by more than this part of
-# its size.
-SAME_POSE = 0.06

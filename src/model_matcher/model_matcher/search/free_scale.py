@@ -8,7 +8,7 @@ scale that fits what was found best is then estimated with the pose.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -330,8 +330,8 @@ def _scale_is_open(index: ModelIndex, chosen: FloatArray, found: Interpretation)
 def _with_scale(one: Interpretation, scale: float) -> Interpretation:
     """An interpretation of data / scale as one of the data itself."""
 
-    def scaled(poses: Iterable[Pose]) -> tuple[Pose, ...]:
-        return tuple(Pose(p.rotation, p.translation * scale, p.scale * scale) for p in poses)
+    def scaled(pose: Pose) -> Pose:
+        return Pose(pose.rotation, pose.translation * scale, pose.scale * scale)
 
     covariance = None
     if one.covariance is not None:
@@ -339,9 +339,9 @@ def _with_scale(one: Interpretation, scale: float) -> Interpretation:
         covariance = one.covariance * units[:, None] * units
     return replace(
         one,
-        pose=scaled([one.pose])[0],
-        symmetric_poses=scaled(one.symmetric_poses),
-        ambiguous_poses=scaled(one.ambiguous_poses),
+        pose=scaled(one.pose),
+        symmetric_poses=tuple(map(scaled, one.symmetric_poses)),
+        ambiguous_poses=tuple(map(scaled, one.ambiguous_poses)),
         covariance=covariance,
         residual_rms=one.residual_rms * scale,
     )
