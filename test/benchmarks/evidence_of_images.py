@@ -149,13 +149,18 @@ def _ready() -> None:
 def _best(posed: PosedPair, part: Part, features: FeatureSet, views: Views, train: bool) -> Best:
     """The best right hypothesis, or of an absent part the best of all; NONE where nothing was thought of."""
     looked: list[image_evidence.Weighed] = []
-    weigh: Callable[..., image_evidence.Weighed] = image_evidence.weigh
 
-    def recording(*args: Any) -> image_evidence.Weighed:
-        looked.append(weigh(*args))
-        return looked[-1]
+    def recorded(weigh: Callable[..., image_evidence.Weighed]) -> Callable[..., image_evidence.Weighed]:
+        def recording(*args: Any) -> image_evidence.Weighed:
+            looked.append(weigh(*args))
+            return looked[-1]
 
-    with patch.object(image_evidence, 'weigh', recording):
+        return recording
+
+    with (
+        patch.object(image_evidence, 'weigh', recorded(image_evidence.weigh)),
+        patch.object(image_evidence, 'weigh_turned', recorded(image_evidence.weigh_turned)),
+    ):
         match(part.index, features, name=part.name, views=views)
     instances = [one for one in posed.instances if one.part.name == part.name]
     looked = [_with_surface(one, part, views) for one in looked if np.isfinite(one.evidence)]

@@ -73,12 +73,7 @@ class Weighed:
 
 
 def weigh(
-    problem: Problem,
-    shape: Shape,
-    hypothesis: Interpretation,
-    views: Views,
-    deadline: Deadline | None = None,
-    turned: FloatArray | None = None,
+    problem: Problem, shape: Shape, hypothesis: Interpretation, views: Views, deadline: Deadline | None = None
 ) -> Weighed:
     """Look for a hypothesis in the images.
 
@@ -96,47 +91,82 @@ def weigh(
     views : Views
     deadline : Deadline, optional
         When it has passed, only the first of the poses is looked at.
-    turned : (12,) float64, optional
-        The pose drawn in, of a hypothesis that leaves a turn free: all turns are looked at from there.
 
     Returns
     -------
     Weighed
     """
     deadline = deadline or Deadline()
-    coarse, near = views, float(REACH)
-    if turned is None:
-        poses = _equal_poses(problem.index, hypothesis)
-    else:
-        # Turns of what is seen large are told apart in images of half the size: half as many, of half the points.
-        while _pixels(shape, as_pose(turned), coarse) > SEEN_LARGE:
-            coarse, near = coarse.halved, 2.0 * near
-        poses = _turns(problem.index, shape, hypothesis, turned, coarse)
+    poses = _equal_poses(problem.index, hypothesis)
     # A look at each, as coarse as its steps are, says which to look at closely, and that which to draw in.
-    for seen, spacing in ((coarse, REACH), (views, SPACING)):
+    for spacing in (REACH, SPACING):
         if len(poses) > TURNED and not deadline.passed:
-            poses = _likeliest(shape, poses, seen, spacing, deadline)
+            poses = _likeliest(poses, _glances(shape, poses, views, spacing, deadline))
+    return _drawn_in(problem, shape, hypothesis, poses, views, deadline)
+
+
+def weigh_turned(problem: Problem, shape: Shape, one: Weighed, views: Views, deadline: Deadline) -> Weighed:
+    """A hypothesis that leaves a turn free at the turn that the images show most of.
+
+    Parameters
+    ----------
+    problem, shape, views : as of :func:`weigh`
+    one : Weighed
+        The hypothesis, drawn in at any turn.
+    deadline : Deadline
+        When it has passed, the turn stays.
+
+    Returns
+    -------
+    Weighed
+        As it was where the images speak against each turn, seen coarsely.
+    """
+    # What is seen large is looked at in images of half the size: half as many turns, of half the points each.
+    coarse, reach = views, float(REACH)
+    while _pixels(shape, as_pose(one.motion), coarse) > SEEN_LARGE:
+        coarse, reach = coarse.halved, 2.0 * reach
+    poses = _turns(problem.index, shape, one.hypothesis, one.motion, coarse)
+    glances = _glances(shape, poses, coarse, REACH, deadline)
+    if not glances.max() > 0.0:
+        return one
+    poses = _likeliest(poses, glances)
+    if len(poses) > TURNED:
+        poses = _likeliest(poses, _glances(shape, poses, views, SPACING, deadline))
+    return _drawn_in(problem, shape, one.hypothesis, poses, views, deadline, reach)
+
+
+def _drawn_in(
+    problem: Problem,
+    shape: Shape,
+    hypothesis: Interpretation,
+    poses: list[Pose],
+    views: Views,
+    deadline: Deadline,
+    reach: float = float(REACH),
+) -> Weighed:
+    """A hypothesis at that of its first poses of which the images show most, within so many pixels of it."""
     found: list[Weighed] = []
     for pose in poses[:TURNED]:
         if found and deadline.passed:
             break
-        motion, sight = looked_for(shape, pose, views, near)
+        motion, sight = looked_for(shape, pose, views, reach)
         found.append(Weighed(_at(problem, hypothesis, motion), motion, shown(sight, views)[0]))
     best, *others = sorted(found, key=lambda one: -one.shown.log_ratio)
     return replace(best, rivals=tuple(others))
 
 
-def _likeliest(shape: Shape, poses: list[Pose], views: Views, spacing: float, deadline: Deadline) -> list[Pose]:
-    """Of poses those that a look does not tell from the best one, the best first.
-
-    spacing : pixels between the points that are looked at
-    """
-    glances = np.array(
+def _glances(shape: Shape, poses: list[Pose], views: Views, spacing: float, deadline: Deadline) -> FloatArray:
+    """(n,) nats of the outline at each of n poses; spacing : pixels between the points of it that are looked at."""
+    return np.array(
         spread(
             lambda pose: -math.inf if deadline.passed else presence(shape, pose, views, spacing=spacing).log_ratio,
             poses,
         )
     )
+
+
+def _likeliest(poses: list[Pose], glances: FloatArray) -> list[Pose]:
+    """Of poses those that glances (n,), nats, do not tell from the best one, the best first."""
     order = np.argsort(-glances)
     return [poses[k] for k in order if glances[k] >= glances[order[0]] - DECISIVE]
 
@@ -305,8 +335,7 @@ def _with_turns(
     weighed = sorted(weighed, key=lambda one: -one.evidence)
     for k in [k for k, one in enumerate(weighed) if one.hypothesis.free_turn is not None][:TURNED]:
         if axis_of_revolution(problem.index) is None and not deadline.passed:
-            one = weighed[k]
-            weighed[k] = weigh(problem, shape, one.hypothesis, views, deadline, one.motion)
+            weighed[k] = weigh_turned(problem, shape, weighed[k], views, deadline)
     return weighed
 
 

@@ -163,8 +163,8 @@ class ImageEvidence(NamedTuple):
 
 IMAGE_EVIDENCE = ImageEvidence(0.35, 0.75, 1.27)
 # Pixels of an object's diagonal, above which its turns are told apart in images of half the size: an outline of half of
-# this still has some fifty points, GLANCE apart, in each view.
-SEEN_LARGE = 250.0
+# this still has some thirty points, REACH apart, in each view.
+SEEN_LARGE = 125.0
 # Hypotheses with a free turn, the best of a search, all turns of which are looked at, for many share one axis; and
 # poses of one hypothesis that are drawn in after a glance at each.
 TURNED = 2
