@@ -60,15 +60,17 @@ def recover_curves(
     pairs = arc_pairs(matches, segments, ellipses)
     while pairs and not late():
         # Two at once; what the first explains, the second one need not.
-        pairs = [pair for pair in pairs if not _is_explained(pair, found)]
         two, pairs = pairs[:2], pairs[2:]
+        new: list[Curve] = []
         for pair, curve in zip(two, spread(lambda pair: _free_curve(pair, edgels), two)):
-            if curve is None or not _is_clear(curve, pair) or _is_explained(pair, found):
+            if curve is None or not _is_clear(curve, pair) or _is_explained(pair, new):
                 continue
             if is_determined(curve):
-                found.append(curve)
+                new.append(curve)
             else:
                 vague.append((curve, pair))
+        found += new
+        pairs = [pair for pair in pairs if not _is_explained(pair, new)]
     known = list(found)
     for curve, pair in vague:
         if not (late() or _is_explained(pair, found)):
