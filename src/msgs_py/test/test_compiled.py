@@ -238,6 +238,17 @@ def test_what_compiled_functions_call_can_be_called_from_python_before_and_after
     assert answer(start(modules, cache, code=f'{code}print(sums.inner(1), outer(1), sums.inner(1.5))')) == '2 4 2.5'
 
 
+def test_what_was_loaded_can_be_taken_in_by_what_is_compiled_anew(modules, cache):
+    """The stored function is called first, so that its machine code stands alone; its caller is not stored."""
+    inner = 'from lower.sums import inner\nprint(inner(2))'
+    assert answer(start(modules, cache, code=inner)) == '3'
+    stored = set(entries(cache))
+    both = f'{inner}\nfrom upper.doubled import outer\nprint(outer(2))'
+    assert answer(start(modules, cache, code=both)).split() == ['3', '6']
+    assert len(set(entries(cache)) - stored) == 1
+    assert answer(start(modules, cache, code=both)).split() == ['3', '6']
+
+
 def test_numbas_own_functions_are_compiled_as_ever_beside_ours(tmp_path, cache):
     """Of another's function that ours calls, and that is called from Python afterwards, and calls ours itself."""
     code = textwrap.dedent("""\

@@ -27,7 +27,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any, cast, overload
@@ -39,7 +39,7 @@ from numba.core.caching import CompileResultCacheImpl, _Cache
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
 
-from .one_unit import AVAILABLE, UnitDispatcher, is_linked
+from .one_unit import AVAILABLE, UnitDispatcher, is_linked, stored
 from .settings import CACHE_BYTES, FORM, NAME_CHARACTERS, NUMBER_BITS, SIZE_CHECKED_EVERY_S, USE_NOTED_AFTER_S
 
 # Moves the cache; numba's own NUMBA_CACHE_DIR is taken where this one is not set.
@@ -106,9 +106,9 @@ class ContentCache(_Cache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled function for these argument types; None where the cache has none."""
-        target_context.refresh()
         if not self._enabled:
             return None
+        _initialise(target_context)
         content = _read(self._path(sig, target_context.codegen()))
         if content is None:
             return None
@@ -122,7 +122,9 @@ class ContentCache(_Cache):
             return
         if not self._enabled or data.library.has_dynamic_globals or any(not lift.can_cache for lift in data.lifted):
             return
-        _write(self._path(sig, data.codegen), dumps(self._impl.reduce(data)))
+        library, *rest = self._impl.reduce(data)
+        library = stored(library, data.library) if AVAILABLE else library
+        _write(self._path(sig, data.codegen), dumps((library, *rest)))
 
     def _path(self, sig: Any, codegen: Any) -> Path:
         """The entry's file: its name is the digest of all that the machine code depends on."""
@@ -142,6 +144,12 @@ class ContentCache(_Cache):
             key.update(repr(part).encode())
             key.update(b'\0')
         return cache_folder() / f'{self._function.__name__[:NAME_CHARACTERS]}-{key.hexdigest()}{SUFFIX}'
+
+
+@cache
+def _initialise(target_context: Any) -> None:
+    """Let a context know what there is, once: numba does so for each function, which takes as long as to load it."""
+    target_context.refresh()
 
 
 @overload

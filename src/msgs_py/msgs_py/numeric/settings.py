@@ -10,7 +10,7 @@ USE_NOTED_AFTER_S = 86400.0
 # Time between two looks of one process at the size of the cache, seconds: an hour.
 SIZE_CHECKED_EVERY_S = 3600.0
 # Counted up when other machine code is made of the same function, so that the cache's entries are made anew.
-FORM = 3
+FORM = 4
 # Bits of the number by which functions of one name are told apart: that two draw the same is as good as impossible.
 NUMBER_BITS = 63
 # Characters of a function's name that an entry's file name begins with, for who lists the folder.
