@@ -16,8 +16,9 @@ from msgs_py.numeric.threads import together
 from msgs_py.numeric.typed import AnyArray, Float32Array
 
 from .cameras.pairs import CameraPair, camera_pair, main_pairs
+from .curves import fit_kernels
 from .curves.axes import axis_features
-from .curves.curve import Curve, curve_features
+from .curves.curve import Curve, CurveShape, curve_features
 from .curves.curved_shapes import CurvedShapes, recover_curved_shapes
 from .curves.observations import StereoEdgels
 from .curves.occluding_contours import on_contours
@@ -31,6 +32,7 @@ from .edges.all_views import all_views
 from .edges.further_views import ViewLines
 from .edges.hiding import hidden_ends
 from .edges.joining import join_parts
+from .edges.joining_kernels import contrast_across, same_contrast
 from .edges.lines3d import EdgesInSpace, Lines3D, to_space, with_rig_error
 from .edges.selection import is_edge
 from .edges.straight_edges import Beside, edges
@@ -490,9 +492,14 @@ def compile_steps() -> tuple[CompileStep, ...]:
 
     def not_for_every_pair() -> None:
         grey = as_grey(disc, 'left')
-        segments = detect_view(grey, params.detector, params.sigma, params.low, params.high).segments
-        DenseDisparity(grey, grey, 0.0, 16.0).log_ratio(np.zeros((1, 2), np.int32), np.zeros((1, 8)), segments)
+        view = detect_view(grey, params.detector, params.sigma, params.low, params.high)
+        DenseDisparity(grey, grey, 0.0, 16.0).log_ratio(np.zeros((1, 2), np.int32), np.zeros((1, 8)), view.segments)
         sampson(np.diag([1.0, 1.0, -1.0]), np.zeros((1, 2)))
+        same_contrast(contrast_across(grey, np.zeros(2), np.ones(2)), 1.0)
+        seen = StereoEdgels(view.edgels, view.edgels, rig, 1.0).seen
+        x, _, z = np.eye(3)
+        circle = fit_kernels.moved(CurveShape(z, z, x, np.ones(2)), np.zeros(8), True)
+        fit_kernels.residuals(circle, seen, np.zeros(1, np.int64), np.empty(1), np.empty(1), np.empty((0, 0)))
 
     return (
         CompileStep('edges of one image', one_image),

@@ -97,6 +97,8 @@ CAUCHY = 2.385
 # px: sigma of rows before any are known, and at least; share of a strip where dense disparity must be known; rounds of
 # the line through it; and the coarsest level, over the size of the dense disparity.
 STRIP_ROW_PRIOR, STRIP_LEAST_ROW, STRIP_LEAST_KNOWN, STRIP_FITS, STRIP_COARSEST = 1.0, 0.2, 0.15, 6, 0.75
+# Levels of a pair that compiled functions are made for: enough for 500 megapixels.
+MOST_LEVELS = 8
 # Places along a strip, and reduced px from the edge, where dense disparity is asked.
 STRIP_STARTS, STRIP_ASKED = 24, (2.0, 5.0, 8.0)
 # px: by which a surface's disparity beside an edge misses the edge's, beyond what its alignment has. [R]

@@ -24,6 +24,7 @@ from ..matching.settings import PROFILE_SIGMA
 from ..matching.stereo_segments import StereoSegments
 from .factors import Factors
 from .settings import (
+    MOST_LEVELS,
     SPREAD,
     STRIP_COARSEST,
     STRIP_CORRELATION,
@@ -123,12 +124,14 @@ class AlignedStrips:
     def _align(self, fresh: IntArray) -> None:
         """Align the strips of segments (m,) that were not asked for before, in two threads."""
         left, texture = self._left, self.texture
+        # As many for every size of image: another number is another type, for which all would be compiled anew.
+        levels = texture.levels + texture.levels[:1] * (MOST_LEVELS - len(texture.levels))
         place = np.column_stack([left.centre[fresh], left.direction[fresh], left.extent[fresh], np.ones(len(fresh))])
 
         def side(k: int) -> None:
             strips = place * [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 2.0 * k - 1.0]
             dense = texture.dense.disparity, texture.dense.scale
-            found = align_strips(texture.levels, texture.scale, *dense, strips)
+            found = align_strips(levels, texture.scale, *dense, strips)
             self._told_by[k, fresh], self._value[k, fresh] = found[:2]
             self._covariance[k, fresh] = STRIP_CORRELATION * found[2]
 
