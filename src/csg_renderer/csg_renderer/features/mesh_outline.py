@@ -120,6 +120,7 @@ class MeshOutline:
         """
         wires, feature = self._wires
         row, clearance = camera_row(pose, camera), CLEARANCE * self.size
+        spacing = float(spacing)  # a whole number is another type, for which all would be compiled anew
         n, rows, numbers = _seen_points(self._tree, wires, feature, self._round, row, spacing, clearance)
         return OutlinePoints(rows[:n, :3], rows[:n, 3:6], numbers[:n, 0], numbers[:n, 1], rows[:n, 6:9], rows[:n, 9])
 

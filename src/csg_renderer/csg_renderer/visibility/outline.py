@@ -153,6 +153,7 @@ class SolidOutline:
         OutlinePoints
         """
         row = camera_row(pose, camera)
+        spacing = float(spacing)  # a whole number is another type, for which all would be compiled anew
         n, rows, numbers = seen_points(self._found.table.rows, self._quadrics, self._creases, row, spacing)
         return OutlinePoints(rows[:n, :3], rows[:n, 3:6], numbers[:n, 0], numbers[:n, 1], rows[:n, 6:9], rows[:n, 9])
 

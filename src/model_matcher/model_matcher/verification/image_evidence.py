@@ -99,7 +99,7 @@ def weigh(
     deadline = deadline or Deadline()
     poses = _equal_poses(problem.index, hypothesis)
     # A look at each, as coarse as its steps are, says which to look at closely, and that which to draw in.
-    for spacing in (float(REACH), SPACING):
+    for spacing in (REACH, SPACING):
         if len(poses) > TURNED and not deadline.passed:
             poses = _likeliest(poses, _glances(shape, poses, views, spacing, deadline))
     return _drawn_in(problem, shape, hypothesis, poses, views, deadline)
@@ -126,7 +126,7 @@ def weigh_turned(problem: Problem, shape: Shape, one: Weighed, views: Views, dea
     while _pixels(shape, as_pose(one.motion), coarse) > SEEN_LARGE:
         coarse, reach = coarse.halved, 2.0 * reach
     poses = _turns(problem.index, shape, one.hypothesis, one.motion, coarse)
-    glances = _glances(shape, poses, coarse, float(REACH), deadline)
+    glances = _glances(shape, poses, coarse, REACH, deadline)
     if not glances.max() > 0.0:
         return one
     poses = _likeliest(poses, glances)

@@ -175,7 +175,7 @@ def _added(self: Any, result: Any) -> None:
         _add_overload(self, result)
 
 
-_llvm: Any = vars(codegen)['ll']  # llvmlite.binding, as numba has it
+_llvm: Any = vars(codegen).get('ll')  # llvmlite.binding, as numba has it
 _unserialize: Any = getattr(codegen.JITCodeLibrary, '_unserialize', None)
 
 
