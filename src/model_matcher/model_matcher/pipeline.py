@@ -35,7 +35,7 @@ from .model.symmetry import distinct_pairs
 from .params import MatchParams, MatchResult, no_match
 from .proof.certificate import certify
 from .search.free_scale import match_free
-from .search.pair_search import Candidates, search_pairs
+from .search.pair_search import Candidates, kept, search_pairs
 from .search.parallel_search import search_all_parallel
 from .search.prefilter import prefilter
 from .search.settings import ALL_PAIRED, MOST_CANDIDATES, NEAR, SHARES
@@ -44,7 +44,7 @@ from .verification.acceptance import accept
 from .verification.false_alarms import needed_evidence, needed_with_images
 from .verification.image_evidence import accepted_by_images, compete
 from .verification.refinement import Refined, refine_all
-from .verification.settings import CANDIDATES, NEARLY_ALL
+from .verification.settings import CANDIDATES
 
 # What has been compiled: for features, images, an index.
 _warm: set[str] = set()
@@ -164,7 +164,8 @@ def _match_hypotheses(
         found = _search(problem, pairs, partners, begin, (least, PATIENCE.most), searching)
         # Edges among themselves are many: they are asked when nothing else has brought an answer.
         tried = search_all_parallel(problem, bool(parts), Candidates(found.motions, found.scores), searching)
-        found = found._replace(hypotheses=found.hypotheses + tried)
+        few = kept(found.scores)
+        found = _Found(found.motions[:few], found.scores[:few], found.pairs, found.hypotheses + tried, found.stopped_by)
         refined = refine_all(problem, found.motions, found.scores, params, deadline=deadline.share(SHARES.refining))
         parts.append((refined, found))
         if (
@@ -223,29 +224,25 @@ def _search(
 ) -> _Found:
     """Try the ranked pairs from number ``begin`` on."""
     table = distinct_pairs(problem.index)
-    for room in (CANDIDATES, PERIODIC * CANDIDATES):
-        motions = np.zeros((room, 12))
-        scores = np.zeros(room)
-        state = np.array([0, 0, begin, 0])
-        for first, last in blocks(len(pairs), deadline, begin):
-            search_pairs(
-                pairs,
-                partners,
-                problem.model,
-                table,
-                problem.features,
-                SEARCH_WIDTH,
-                first,
-                last,
-                patience,
-                Candidates(motions, scores),
-                state,
-            )
-            if state[3]:
-                break
-        in_time = state[2] >= len(pairs) or state[3] or not deadline.passed
-        if np.floor(scores[-1]) < NEARLY_ALL * np.floor(scores[0]) or scores[0] == 0.0 or not in_time:
+    motions, scores = np.zeros((PERIODIC * CANDIDATES, 12)), np.zeros(PERIODIC * CANDIDATES)
+    state = np.array([0, 0, begin, 0])
+    for first, last in blocks(len(pairs), deadline, begin):
+        search_pairs(
+            pairs,
+            partners,
+            problem.model,
+            table,
+            problem.features,
+            SEARCH_WIDTH,
+            first,
+            last,
+            patience,
+            Candidates(motions, scores),
+            state,
+        )
+        if state[3]:
             break
+    in_time = state[2] >= len(pairs) or state[3] or not deadline.passed
     stopped = 'patience' if state[3] else 'exhausted' if in_time else 'time limit'
     return _Found(motions, scores, int(state[2]), int(state[0]), stopped)
 

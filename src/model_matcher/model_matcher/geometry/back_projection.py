@@ -12,7 +12,7 @@ from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array, IntArray
 
 from .features import CURVE, DataFeatures, FeatureRows, ModelFeatures
 from .rigid_motion import inverse_rotate, inverse_transform, unpacked
-from .settings import WIDEST_CONE
+from .settings import NEAR_LAYERS, WIDEST_CONE
 
 # -- the model's voxel grid ------------------------------------------------------------------------------------------
 
@@ -23,7 +23,8 @@ def build_voxels(
 ) -> tuple[Int32Array, Int32Array]:
     """Which model features pass near each cell of a grid.
 
-    A feature is listed where its distance from the cell's centre is within reach plus half the cell's diagonal.
+    A feature is listed where its distance from the cell's centre is within reach plus half the cell's diagonal, in the
+    layer of what it is at least away from the cell.
 
     Parameters
     ----------
@@ -45,10 +46,10 @@ def build_voxels(
 
     """
     nx, ny, nz = shape
-    counts = np.zeros(nx * ny * nz + 1, np.int32)
+    counts = np.zeros(nx * ny * nz * NEAR_LAYERS + 1, np.int32)
     items = np.zeros(0, np.int32)
     cursor = counts
-    limit = (reach + 0.8661 * cell) ** 2  # half of a cube's diagonal is 0.8660 edges
+    inside = 0.8661 * cell  # half of a cube's diagonal is 0.8660 edges
     margin = reach + cell
     for sweep in range(2):
         if sweep == 1:
@@ -74,15 +75,38 @@ def build_voxels(
                         s = rx * f[3] + ry * f[4] + rz * f[5]
                         s = min(max(s, -h), h)
                         rx, ry, rz = rx - s * f[3], ry - s * f[4], rz - s * f[5]
-                        if rx * rx + ry * ry + rz * rz > limit:
+                        away = np.sqrt(rx * rx + ry * ry + rz * rz) - inside
+                        if away > reach:
                             continue
-                        k = (x * ny + y) * nz + z
+                        layer = max(0, min(int(away * NEAR_LAYERS / reach), NEAR_LAYERS - 1))
+                        k = ((x * ny + y) * nz + z) * NEAR_LAYERS + layer
                         if sweep == 0:
                             counts[k + 1] += 1
                         else:
                             items[cursor[k]] = i
                             cursor[k] += 1
     return counts, items
+
+
+@njit(inline='always')
+def layers_within(across: float, slack: float, half: float, cone: float, per_metre: float) -> int:
+    """How many layers of a cell hold what a data feature in it may lie on.
+
+    Parameters
+    ----------
+    across, slack : float
+        Metres: how far it may be from the line, and run past its ends.
+    half : float
+        Metres, of its length.
+    cone : float
+        Radians, half the cone of its direction.
+    per_metre : float
+        Of the :class:`.features.VoxelGrid`.
+
+    """
+    # Its middle lies past an end by no more than this, for the cosine of an angle is at least 1 - angle^2 / 2.
+    past = max(0.0, slack - half * (1.0 - 0.5 * cone * cone))
+    return min(int(np.sqrt(across * across + past * past) * per_metre) + 1, NEAR_LAYERS)
 
 
 # -- back-projection -------------------------------------------------------------------------------------------------
@@ -210,8 +234,10 @@ def count_matches(
         gz = (pz - lz) * inverse
         if gz < 0.0 or gz >= nz:
             continue
-        at = (int(gx) * ny + int(gy)) * nz + int(gz)
-        first, last = starts[at], starts[at + 1]
+        at = ((int(gx) * ny + int(gy)) * nz + int(gz)) * NEAR_LAYERS
+        tol = data.tolerances[k]
+        layers = layers_within(tol[0] * widen, tol[1] * widen, rows[k, 6], tol[2] * widen, grid.per_metre)
+        first, last = starts[at], starts[at + layers]
         if first == last:
             continue
         direction = inverse_rotate(pose, rows[k, 3], rows[k, 4], rows[k, 5])
@@ -271,10 +297,12 @@ def assign(
         gx, gy, gz = (px - low[0]) / cell, (py - low[1]) / cell, (pz - low[2]) / cell
         if not (0.0 <= gx < nx and 0.0 <= gy < ny and 0.0 <= gz < nz):
             continue
-        at = (int(gx) * ny + int(gy)) * nz + int(gz)
+        at = ((int(gx) * ny + int(gy)) * nz + int(gz)) * NEAR_LAYERS
+        tol = data.tolerances[k]
+        layers = layers_within(tol[0] * widen, tol[1] * widen, rows[k, 6], tol[2] * widen, grid.per_metre)
         vx, vy, vz = inverse_rotate(pose, rows[k, 3], rows[k, 4], rows[k, 5])
         best = 2.0
-        for q in range(grid.starts[at], grid.starts[at + 1]):
+        for q in range(grid.starts[at], grid.starts[at + layers]):
             j = grid.items[q]
             fit = fit_one(k, data, j, model, (px, py, pz), (vx, vy, vz), widen)
             if 0.0 <= fit < best:

@@ -36,16 +36,19 @@ class VoxelGrid(NamedTuple):
         Metres, the edge of a cell, and one over it.
     shape
         Cells along each axis.
-    starts : (cells + 1,)
-        Where each cell's features begin in items.
+    per_metre
+        Layers of a cell in a metre: features are listed in layers (NEAR_LAYERS) of their distance from the cell.
+    starts : (cells * NEAR_LAYERS + 1,)
+        Where each layer of each cell begins in items.
     items : (m,)
-        The features near each cell, one cell after the other.
+        The features near each cell, one cell after the other, the nearest layer first.
     """
 
     low: FloatArray
     cell: float
     inverse_cell: float
     shape: tuple[int, int, int]
+    per_metre: float
     starts: Int32Array
     items: Int32Array
 

@@ -15,10 +15,11 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import FloatArray, Int32Array
 
+from .back_projection import layers_within
 from .features import CURVE, DataFeatures, ModelFeatures, PairTable
 from .line_pairs import pair_cell, pair_geometry
 from .rigid_motion import rotate
-from .settings import FLIP_MARGIN, OFFSET_CELLS, WIDEST_CONE
+from .settings import FLIP_MARGIN, NEAR_LAYERS, OFFSET_CELLS, WIDEST_CONE
 
 
 class PairWindow(NamedTuple):
@@ -58,11 +59,20 @@ class Neighbourhood(NamedTuple):
         Point and direction.
     limits : (m, 4)
         Squared distance across, slack along, half length (metres), squared cosine of the half cone angle.
+    layers : (m,)
+        Of a cell of the model's grid, how many hold what they may lie on.
     """
 
     features: Int32Array
     places: FloatArray
     limits: FloatArray
+    layers: Int32Array
+
+
+@njit
+def room_for(most: int) -> Neighbourhood:
+    """A neighbourhood of so many features at most, to be filled."""
+    return Neighbourhood(np.empty(most, np.int32), np.empty((most, 6)), np.empty((most, 4)), np.empty(most, np.int32))
 
 
 @njit
@@ -209,7 +219,14 @@ def pair_pose(data_pair: FloatArray, model_pair: FloatArray, turn: float, motion
 
 @njit
 def into_frame(
-    a: int, b: int, pair: FloatArray, data: DataFeatures, candidates: Int32Array, widen: float, near: Neighbourhood
+    a: int,
+    b: int,
+    pair: FloatArray,
+    data: DataFeatures,
+    candidates: Int32Array,
+    widen: float,
+    per_metre: float,
+    near: Neighbourhood,
 ) -> int:
     """Bring neighbours of a data pair into the pair's frame; the pair itself is left out.
 
@@ -224,6 +241,8 @@ def into_frame(
         Numbers of the neighbours, -1 ends them.
     widen : float
         Tolerances count this many times.
+    per_metre : float
+        Of the model's grid.
     near : Neighbourhood
         Filled.
 
@@ -249,6 +268,9 @@ def into_frame(
         limits[count, 1] = tols[k, 1] * widen
         limits[count, 2] = rows[k, 6]
         limits[count, 3] = np.cos(min(tols[k, 2] * widen, WIDEST_CONE)) ** 2
+        near.layers[count] = layers_within(
+            tols[k, 0] * widen, tols[k, 1] * widen, rows[k, 6], tols[k, 2] * widen, per_metre
+        )
         near.features[count] = k
         count += 1
     return count
@@ -308,8 +330,8 @@ def fits_a_third(
         gz = (z - lz) * inverse
         if gz < 0.0 or gz >= nz:
             continue
-        cell = (int(gx) * ny + int(gy)) * nz + int(gz)
-        first, last = starts[cell], starts[cell + 1]
+        cell = ((int(gx) * ny + int(gy)) * nz + int(gz)) * NEAR_LAYERS
+        first, last = starts[cell], starts[cell + near.layers[at]]
         if first == last:
             continue
         p, q, r = places[at, 3], places[at, 4], places[at, 5]

@@ -46,6 +46,12 @@ RIGHT_ANGLE = math.pi / 2
 # Radians: end of the table's axis of angles.
 MAX_ANGLE = RIGHT_ANGLE + FLIP_MARGIN
 
+# -- the table of what passes where ----------------------------------------------------------------------------------
+
+# Layers of distance in which a cell of a voxel grid lists the features that pass near it: data that is accurate is only
+# compared with the near ones. More of them save no more time.
+NEAR_LAYERS = 8
+
 # -- ranking data pairs ----------------------------------------------------------------------------------------------
 
 # In model sizes: the length that a curve's normal, which has none, counts as; and the gap that is added to every gap

@@ -14,7 +14,7 @@ from ..geometry.back_projection import build_voxels
 from ..geometry.features import ModelFeatures, PairTable, VoxelGrid
 from ..geometry.line_pairs import build_pair_table
 from ..geometry.parallel_pairs import ParallelPairs, parallel_pairs
-from ..geometry.settings import NOT_ZERO, ROUNDING, SMALLEST_LENGTH
+from ..geometry.settings import NEAR_LAYERS, NOT_ZERO, ROUNDING, SMALLEST_LENGTH
 from ..params import MatchParams
 from .settings import LARGEST_MODEL, VOXEL_REACHES, VOXELS_ACROSS
 
@@ -130,7 +130,7 @@ class ModelIndex:
             nx, ny, nz = (int(v) for v in np.maximum(np.ceil(span / cell), 1))
             shape = (nx, ny, nz)
             starts, items = build_voxels(self.rows, low, cell, shape, margin)
-            self._voxels[reach] = VoxelGrid(low, cell, 1.0 / cell, shape, starts, items)
+            self._voxels[reach] = VoxelGrid(low, cell, 1.0 / cell, shape, NEAR_LAYERS / margin, starts, items)
         return self._voxels[reach]
 
 

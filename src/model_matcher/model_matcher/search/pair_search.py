@@ -16,17 +16,10 @@ from msgs_py.numeric.typed import FloatArray, Int32Array, IntArray
 
 from ..geometry.back_projection import count_matches
 from ..geometry.features import DataFeatures, ModelFeatures, PairTable
-from ..geometry.pair_pose import (
-    Neighbourhood,
-    fits_a_third,
-    into_frame,
-    matching_pairs,
-    pair_frame,
-    pair_pose,
-    pair_window,
-)
+from ..geometry.pair_pose import fits_a_third, into_frame, matching_pairs, pair_frame, pair_pose, pair_window, room_for
 from ..geometry.rigid_motion import transform
 from ..model.settings import SAME_POSE
+from ..verification.settings import CANDIDATES, NEARLY_ALL
 from .settings import LITTLE_EXPLAINED, LONGER, NEAR, NEEDED, REMEMBERED, WORTH_KEEPING
 
 
@@ -35,6 +28,31 @@ class Candidates(NamedTuple):
 
     motions: FloatArray
     scores: FloatArray
+
+
+@njit
+def kept(scores: FloatArray) -> int:
+    """How many candidates are kept: CANDIDATES, and all only where those are nearly as good as the best, as of a grid.
+
+    Parameters
+    ----------
+    scores : (c,) float64
+        Best first.
+
+    Examples
+    --------
+    >>> kept(np.linspace(20.0, 1.0, 64)), kept(np.full(64, 20.0))
+    (16, 64)
+    """
+    few = min(CANDIDATES, len(scores))
+    return few if np.floor(scores[few - 1]) < NEARLY_ALL * np.floor(scores[0]) else len(scores)
+
+
+@njit
+def worth_keeping(scores: FloatArray, least: float) -> float:
+    """The score from which on a pose is kept among candidates with these scores, and ``least`` in any case."""
+    worth: float = max(scores[kept(scores) - 1], WORTH_KEEPING * np.floor(scores[0]), least)
+    return worth
 
 
 @njit
@@ -185,7 +203,7 @@ def search_pairs(
     n = data.rows.shape[0]
     knn = min(partners.shape[1], NEAR)
     local = n > 2 * knn
-    near = Neighbourhood(np.empty(2 * knn + 1, np.int32), np.empty((2 * knn, 6)), np.empty((2 * knn, 4)))
+    near = room_for(2 * knn + 1)
     entered = np.full(n, -1, np.int64)
     around = DataFeatures(data.rows.copy(), data.kind.copy(), data.tolerances.copy(), data.radius_tolerance)
     found = np.empty(2 * table.members.shape[0], np.int32)
@@ -200,7 +218,7 @@ def search_pairs(
         count = 0
         if local:
             _partners_of_both(partners, a, b, p, entered, near.features)
-            count = into_frame(a, b, data_pair, data, near.features, widen, near)
+            count = into_frame(a, b, data_pair, data, near.features, widen, model.voxels.per_metre, near)
         placed = -1
         hypotheses = matching_pairs(data, model, table, a, b, window, found)
         # Poses nearer to one another than what the pair itself may be off are one: the first is looked at.
@@ -222,7 +240,7 @@ def search_pairs(
             if n_around < 0:
                 reach = model.size + window.slide_a + window.across + window.cone * abs(window.foot_a)
                 n_around = gather(data, a, reach, widen, around)
-            needed = max(scores[len(scores) - 1], WORTH_KEEPING * np.floor(scores[0]), NEEDED)
+            needed = worth_keeping(scores, NEEDED)
             some = DataFeatures(
                 around.rows[:n_around], around.kind[:n_around], around.tolerances[:n_around], data.radius_tolerance
             )

@@ -30,8 +30,8 @@ from ..geometry.settings import PARALLEL_SINE
 from ..model.problem import Problem
 from ..model.settings import SEARCH_WIDTH
 from ..model.symmetry import axis_of_revolution
-from .pair_search import Candidates, gather, keep_candidate
-from .settings import ALL_PAIRED, EDGE_HYPOTHESES, WORTH_KEEPING
+from .pair_search import Candidates, gather, keep_candidate, worth_keeping
+from .settings import ALL_PAIRED, EDGE_HYPOTHESES
 
 EDGE = int(FeatureKind.EDGE)
 
@@ -198,8 +198,7 @@ def _try(
     candidates: Candidates,
 ) -> None:
     """Count what a pose explains, and keep it when that is worth it."""
-    scores = candidates.scores
-    needed = max(scores[len(scores) - 1], WORTH_KEEPING * np.floor(scores[0]), least)
+    needed = worth_keeping(candidates.scores, least)
     score = count_matches(motion, model, data, widen, stamp, mark, needed)
     if score >= needed:
         keep_candidate(motion, score, model, candidates)

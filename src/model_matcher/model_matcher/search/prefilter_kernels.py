@@ -13,15 +13,7 @@ from msgs_py.numeric.typed import Int32Array, IntArray
 
 from ..geometry.back_projection import count_matches
 from ..geometry.features import DataFeatures, ModelFeatures, PairTable
-from ..geometry.pair_pose import (
-    Neighbourhood,
-    fits_a_third,
-    into_frame,
-    matching_pairs,
-    pair_frame,
-    pair_pose,
-    pair_window,
-)
+from ..geometry.pair_pose import fits_a_third, into_frame, matching_pairs, pair_frame, pair_pose, pair_window, room_for
 from .pair_search import Candidates, keep_candidate
 from .settings import NEEDED
 
@@ -80,7 +72,7 @@ def best_poses(
     stamp = np.zeros(model.rows.shape[0], np.int64)
     data_pair, model_pair, motion = np.empty(12), np.empty(12), np.empty(12)
     m = neighbours.shape[1]
-    near = Neighbourhood(np.empty(m, np.int32), np.empty((m, 6)), np.empty((m, 4)))
+    near = room_for(m)
     found = np.empty(2 * table.members.shape[0], np.int32)
     tried = 0
     for p in range(pairs.shape[0]):
@@ -90,7 +82,7 @@ def best_poses(
         if hypotheses == 0:
             continue
         pair_frame(data.rows, a, window.foot_a, b, window.flip, window.foot_b, data_pair)
-        count = into_frame(a, b, data_pair, data, neighbours[p], widen, near)
+        count = into_frame(a, b, data_pair, data, neighbours[p], widen, model.voxels.per_metre, near)
         placed = -1
         for hypothesis in range(hypotheses):
             at, turn = found[hypothesis] // 2, 1.0 - 2.0 * (found[hypothesis] % 2)
