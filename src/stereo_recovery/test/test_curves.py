@@ -151,3 +151,26 @@ def test_sampson_distance_of_a_circle_is_the_distance():
 def test_points_without_an_ellipse_give_none(points):
     numbers, rms = conic_kernels.fit(points, 4)
     assert rms == np.inf or conic_kernels.radii(numbers) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize('sense', [1.0, -1.0])
+def test_quarters_of_a_small_ring_are_one_arc(sense):
+    turn = sense * np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    position = 8.0 * np.column_stack([np.cos(turn), np.sin(turn)]) + 20.0
+    bounds = np.array([[k, k + 12] for k in range(0, 48, 12)])
+    chord = position[bounds[:, 1] - 1] - position[bounds[:, 0]]
+    length = np.linalg.norm(chord, axis=1)
+    # The chords of neighbouring quarters turn by a right angle, their tangents hardly.
+    sagitta = np.full(4, -sense * (8.0 - np.sqrt(64.0 - 0.25 * length[0] ** 2)))
+    arc, conics, _ = conic_kernels.arcs(
+        np.zeros(4, np.int64),
+        np.array([True]),
+        chord / length[:, None],
+        length,
+        position,
+        np.full(48, 0.5),
+        bounds,
+        sagitta,
+    )
+    assert arc.tolist() == [0, 0, 0, 0]
+    assert conic_kernels.radii(conics[0]) == pytest.approx((8.0, 8.0), abs=1e-6)

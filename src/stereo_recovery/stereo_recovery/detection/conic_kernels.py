@@ -255,6 +255,7 @@ def arcs(
     chain: IntArray,
     closed: BoolArray,
     direction: FloatArray,
+    length: FloatArray,
     position: FloatArray,
     limit: FloatArray,
     bounds: IntArray,
@@ -269,6 +270,7 @@ def arcs(
     closed : (c,) bool
         Of the chains.
     direction : (m, 2) float64
+    length : (m,) float64, pixels
     position : (n, 2) float64, pixels
         Edgels.
     limit : (n,) float64, pixels
@@ -288,6 +290,9 @@ def arcs(
     count = len(chain)
     arc, conics, errors = np.full(count, -1, np.int32), np.empty((count, 6)), np.empty(count)
     angle = np.arctan2(direction[:, 1], direction[:, 0])
+    # Radians, between a segment's chord and the tangent at its end, were it the arc of a circle; with a positive sagitta
+    # it turns against the angles.
+    bend = 2.0 * np.arctan2(2.0 * sagitta, length)
     found, first = 0, 0
     while first < count:
         last = first + 1
@@ -296,14 +301,17 @@ def arcs(
         own = last - first
         # Of a closed chain twice round.
         size = 2 * own if own >= 3 and closed[chain[first]] else own
-        members, turns = first + np.arange(size) % own, np.empty(size - 1)
+        members, turns, breaks = first + np.arange(size) % own, np.empty(size - 1), np.empty(size - 1)
         for k in range(size - 1):
-            turns[k] = (angle[members[k + 1]] - angle[members[k]] + np.pi) % (2.0 * np.pi) - np.pi
+            i, j = members[k], members[k + 1]
+            turns[k] = (angle[j] - angle[i] + np.pi) % (2.0 * np.pi) - np.pi
+            # Half of what either bends itself is no break between the two.
+            breaks[k] = turns[k] + (bend[i] + bend[j])
         k = 0
         while own >= 2 and k < size - 1:
             end = k + 1
-            if turns[k] != 0.0 and abs(turns[k]) < SHARPEST_BREAK:
-                while end < size - 1 and abs(turns[end]) < SHARPEST_BREAK and np.sign(turns[end]) == np.sign(turns[k]):
+            if turns[k] != 0.0 and abs(breaks[k]) < SHARPEST_BREAK:
+                while end < size - 1 and abs(breaks[end]) < SHARPEST_BREAK and np.sign(turns[end]) == np.sign(turns[k]):
                     end += 1
                 some = members[k : end + 1], turns[k:end]
                 found = _claim(some[0], some[1], position, limit, bounds, sagitta, arc, conics, errors, found)

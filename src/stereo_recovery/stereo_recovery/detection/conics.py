@@ -126,6 +126,6 @@ def find_arcs(
     Thesis 3.10.3.
     """
     arc, conics, errors = conic_kernels.arcs(
-        segments.chain, closed, segments.direction, position, limit, segments.bounds, segments.sagitta
+        segments.chain, closed, segments.direction, segments.length, position, limit, segments.bounds, segments.sagitta
     )
     return arc, [Ellipse(symmetric(q), float(rms)) for q, rms in zip(conics, errors)]
