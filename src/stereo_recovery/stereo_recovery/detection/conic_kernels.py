@@ -290,7 +290,7 @@ def arcs(
     count = len(chain)
     arc, conics, errors = np.full(count, -1, np.int32), np.empty((count, 6)), np.empty(count)
     angle = np.arctan2(direction[:, 1], direction[:, 0])
-    # Radians, between a segment's chord and the tangent at its end, were it the arc of a circle; with a positive sagitta
+    # Radians, from a segment's chord to the tangent at its end, were it the arc of a circle. With a positive sagitta
     # it turns against the angles.
     bend = 2.0 * np.arctan2(2.0 * sagitta, length)
     found, first = 0, 0
