@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from csg_renderer import Light, Scene, SolidOutline, load_models, model_features, render_stereo
 from csg_renderer.raycast.sensor import SensorModel, grey
 from model_matcher import MatchParams, index_model, match
+from model_matcher.geometry.pose_rows import as_motion
 from model_matcher.image_pose.alignment import Placed
 from model_matcher.image_pose.measurement import drawn_in, measure_pose, presence
 from model_matcher.image_pose.model_error import FIRST_ERROR, fitted_model_error
@@ -22,7 +23,9 @@ from model_matcher.image_pose.settings import BESIDE, CANDIDATES, FIRST_WALK, FL
 from model_matcher.image_pose.sight import look, same_curves
 from model_matcher.image_pose.views import Views
 from model_matcher.model.equal_poses import apart
-from msgs_py import PinholeCamera, Pose, StereoRig
+from model_matcher.model.problem import make_problem
+from model_matcher.verification.image_evidence import weigh
+from msgs_py import BIN, Interpretation, PinholeCamera, Pose, StereoRig
 from stereo_recovery import recover
 
 CAMERA = PinholeCamera.centred(512, 512, 700.0)
@@ -479,6 +482,19 @@ class TestMatching:
         result = match(index_model(model_features(solid), 'chair', SolidOutline(solid)), data, views=views)
         assert result.best is None
         assert all(one.rejected_reason for one in result.rejected)
+
+    def test_what_the_images_speak_against_from_afar_is_not_drawn_in(self):
+        shape, solid, pose, views, rig = rendered('plug', 1)
+        data = recover(*views.images, rig).features
+        problem = make_problem(index_model(model_features(solid), 'plug', shape), data, MatchParams())
+        nothing = np.full(len(data), BIN, np.int32), np.zeros(len(data), np.int8)
+        empty = Pose(pose.rotation, pose.translation + [0.0, 1.3 * shape.size, 0.0])
+        near = moved(pose, shape.centre, 1.0, 4.0 * shape.size, 2)
+        for start, stays in ((empty, True), (near, False)):
+            hypothesis = Interpretation('plug', *nothing, start, evidence=0.0)
+            seen = [weigh(problem, shape, hypothesis, views, needed=needed).motion for needed in (30.0, -np.inf)]
+            at_start = [bool((motion == as_motion(start)).all()) for motion in seen]
+            assert at_start == [stays, False]
 
     @pytest.mark.parametrize('name', ['plug', 'chair'])
     def test_threads_do_not_change_what_is_found(self, name, monkeypatch):

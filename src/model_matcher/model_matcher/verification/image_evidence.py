@@ -22,7 +22,7 @@ from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.threads import spread
 from msgs_py.numeric.typed import FloatArray, IntArray
 
-from ..geometry.pose_rows import as_pose
+from ..geometry.pose_rows import as_motion, as_pose
 from ..image_pose.measurement import Presence, looked_for, polished, presence, shown
 from ..image_pose.presence import overlap
 from ..image_pose.settings import DECISIVE, REACH, SPACING, UNSEEN_TURN
@@ -73,12 +73,19 @@ class Weighed:
 
 
 def weigh(
-    problem: Problem, shape: Shape, hypothesis: Interpretation, views: Views, deadline: Deadline | None = None
+    problem: Problem,
+    shape: Shape,
+    hypothesis: Interpretation,
+    views: Views,
+    deadline: Deadline | None = None,
+    needed: float = -math.inf,
 ) -> Weighed:
     """Look for a hypothesis in the images.
 
     Of the poses that explain its data equally well, the one is taken that the images show most of. Features and images
     speak of one pose: where the images have drawn it away from its data, that is no longer explained.
+
+    Where the images, seen coarsely, speak against it, and it is far from what it needs, it stays where it is.
 
     Parameters
     ----------
@@ -91,6 +98,8 @@ def weigh(
     views : Views
     deadline : Deadline, optional
         When it has passed, only the first of the poses is looked at.
+    needed : float
+        Nats, from which on it is accepted.
 
     Returns
     -------
@@ -98,6 +107,12 @@ def weigh(
     """
     deadline = deadline or Deadline()
     poses = _equal_poses(problem.index, hypothesis)
+    if hypothesis.free_turn is None and len(poses) <= TURNED:
+        coarse, _ = _coarse(shape, hypothesis.pose, views)
+        looks = [Weighed(hypothesis, as_motion(pose), presence(shape, pose, coarse)) for pose in poses]
+        best = max(looks, key=lambda one: one.evidence)
+        if best.shown.log_ratio <= 0.0 and best.evidence + DECISIVE < needed:
+            return best
     # A look at each, as coarse as its steps are, says which to look at closely, and that which to draw in.
     for spacing in (REACH, SPACING):
         if len(poses) > TURNED and not deadline.passed:
@@ -121,10 +136,7 @@ def weigh_turned(problem: Problem, shape: Shape, one: Weighed, views: Views, dea
     Weighed
         As it was where the images speak against each turn, seen coarsely.
     """
-    # What is seen large is looked at in images of half the size: half as many turns, of half the points each.
-    coarse, reach = views, float(REACH)
-    while _pixels(shape, as_pose(one.motion), coarse) > SEEN_LARGE:
-        coarse, reach = coarse.halved, 2.0 * reach
+    coarse, reach = _coarse(shape, as_pose(one.motion), views)
     poses = _turns(problem.index, shape, one.hypothesis, one.motion, coarse)
     glances = _glances(shape, poses, coarse, REACH, deadline)
     if not glances.max() > 0.0:
@@ -206,6 +218,17 @@ def _turns(index: ModelIndex, shape: Shape, hypothesis: Interpretation, motion: 
     steps = int(np.ceil(np.pi * _pixels(shape, pose, views) / REACH / fold))
     turns = [Pose.from_rotation_vector(k * (2.0 * np.pi / (fold * steps)) * axis.direction) for k in range(steps)]
     return [pose.compose(Pose(turn.rotation, axis.point - turn.rotation @ axis.point)) for turn in turns]
+
+
+def _coarse(shape: Shape, pose: Pose, views: Views) -> tuple[Views, float]:
+    """Images in which a shape is not seen large, half the size or less, and REACH in them, in pixels of the images.
+
+    An outline has half as many points there and is as far off as half as many pixels.
+    """
+    reach = float(REACH)
+    while _pixels(shape, pose, views) > SEEN_LARGE:
+        views, reach = views.halved, 2.0 * reach
+    return views, reach
 
 
 def _pixels(shape: Shape, pose: Pose, views: Views) -> float:
@@ -302,7 +325,9 @@ def _all_weighed(
     # The best one often leaves no room for any other; those after it are looked at together.
     for some in (hypotheses[:1], hypotheses[1:]):
         with_room = [one for one in some if not any(_leaves_no_room(index, other, one, needed) for other in weighed)]
-        found = spread(lambda one: None if deadline.passed else weigh(problem, shape, one, views, deadline), with_room)
+        found = spread(
+            lambda one: None if deadline.passed else weigh(problem, shape, one, views, deadline, needed), with_room
+        )
         looked_at = dict(zip(map(id, with_room), found))
         for one in some:
             if any(_leaves_no_room(index, other, one, needed) for other in weighed):
