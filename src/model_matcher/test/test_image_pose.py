@@ -451,6 +451,13 @@ def test_images_of_another_size_than_the_camera_are_refused():
         Views.of([np.zeros((4, 4), np.uint8)], CAMERA)
 
 
+@pytest.mark.parametrize('size', [1, 2, 3, 4])
+def test_images_of_a_few_pixels_have_the_noise_of_rounding(size):
+    views = Views.of([np.full((size, size), 90, np.uint8)], PinholeCamera.centred(size, size, 600.0))
+    for level in (views, views.halved, views.halved.halved):
+        assert level.noise == pytest.approx([math.sqrt(1.0 / 12.0)])
+
+
 class TestMatching:
     def test_the_images_give_the_accepted_pose_and_its_support(self):
         shape, solid, pose, views, rig = rendered('plug', 1)

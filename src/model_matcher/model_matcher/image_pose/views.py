@@ -160,6 +160,8 @@ def _noise(image: ByteArray) -> float:
 
 def _sigma_of(bend: IntArray) -> float:
     """Sigma of the noise by the sizes of second differences (1, -2, 1), whole numbers; not less than rounding makes."""
+    if bend.size == 0:  # an image of a pixel or two
+        return math.sqrt(UNIFORM_VARIANCE)
     count = np.bincount(bend.ravel())
     # The median between whole numbers: values are taken as spread evenly about each.
     below = np.cumsum(count)
