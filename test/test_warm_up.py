@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip('numba')
 
 BOARDS = Path(__file__).resolve().parent / 'chessboards'
+MESH = Path(__file__).resolve().parents[1] / 'src' / 'csg_renderer' / 'test' / 'meshes' / 'cylinder_box.stl'
 # What is looked up in the cache is compiled where the cache has none: whatever is looked up after the warm-up would
 # keep a pair waiting in a node that starts for the first time.
 NOTED = """
@@ -54,7 +55,6 @@ print(*sorted(set(late)))
 # through a jump, until it is lost, and taken up again.
 MATCHING = f"""
 import sys
-from pathlib import Path
 import numpy as np
 import csg_renderer
 from csg_renderer import Solid, SolidOutline, load_known_models, load_models, model_features
@@ -71,15 +71,8 @@ from stereo_recovery import recover
 solids = {{name: next(iter(load_models(name).values())) for name in ('plug', 'l_shape')}}
 solids['peg'] = Solid.cylinder(0.03, (0.0, 0.0, 0.09))
 indexes = [index_model(model_features(solid), name, SolidOutline(solid)) for name, solid in solids.items()]
-corners = np.array([[x, y, z] for x in (0, 0.05) for y in (0, 0.04) for z in (0, 0.03)])
-faces = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1)]
-faces += [(2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)]
-mesh = Path(sys.argv[1]) / 'block.obj'
-lines = ['v %g %g %g' % tuple(corner) for corner in corners]
-lines += ['f %d %d %d' % tuple(np.add(face, 1)) for face in faces]
-mesh.write_text(chr(10).join(lines) + chr(10))
-known = next(iter(load_known_models(mesh).values()))
-indexes.append(index_model(known.features, 'block', known.outline))
+known = next(iter(load_known_models(sys.argv[1]).values()))
+indexes.append(index_model(known.features, 'mesh', known.outline))
 seen = []
 for name in ('plug_v1', 'l_shape_v1', 'cylinder_box_v1'):
     scene = csg_renderer.load_scene(name)
@@ -108,9 +101,9 @@ print(*sorted(set(late)))
 """
 
 
-def run(program: str, folder: Path) -> list[str]:
+def run(program: str, path: Path) -> list[str]:
     """Names of functions that a program has looked up after its warm-up."""
-    command = [sys.executable, '-c', program, str(folder)]
+    command = [sys.executable, '-c', program, str(path)]
     result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert result.returncode == 0, result.stderr
     return result.stdout.split()
@@ -120,5 +113,5 @@ def test_no_pair_waits_for_a_compiler():
     assert run(RECOVERY, BOARDS) == []
 
 
-def test_no_search_and_no_frame_waits_for_a_compiler(tmp_path):
-    assert run(MATCHING, tmp_path) == []
+def test_no_search_and_no_frame_waits_for_a_compiler():
+    assert run(MATCHING, MESH) == []

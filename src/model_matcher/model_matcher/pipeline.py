@@ -165,7 +165,9 @@ def _match_hypotheses(
         # Edges among themselves are many: they are asked when nothing else has brought an answer.
         tried = search_all_parallel(problem, bool(parts), Candidates(found.motions, found.scores), searching)
         few = kept(found.scores)
-        found = _Found(found.motions[:few], found.scores[:few], found.pairs, found.hypotheses + tried, found.stopped_by)
+        found = found._replace(
+            motions=found.motions[:few], scores=found.scores[:few], hypotheses=found.hypotheses + tried
+        )
         refined = refine_all(problem, found.motions, found.scores, params, deadline=deadline.share(SHARES.refining))
         parts.append((refined, found))
         if (

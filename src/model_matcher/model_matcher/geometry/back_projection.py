@@ -89,23 +89,23 @@ def build_voxels(
 
 
 @njit(inline='always')
-def layers_within(across: float, slack: float, half: float, cone: float, per_metre: float) -> int:
-    """How many layers of a cell hold what a data feature in it may lie on.
+def layers_within(k: int, data: DataFeatures, widen: float, per_metre: float) -> int:
+    """How many layers of the cell that a data feature's middle is in hold what it may lie on.
 
     Parameters
     ----------
-    across, slack : float
-        Metres: how far it may be from the line, and run past its ends.
-    half : float
-        Metres, of its length.
-    cone : float
-        Radians, half the cone of its direction.
+    k : int
+        Number of the data feature.
+    data : DataFeatures
+    widen : float
+        Tolerances count this many times.
     per_metre : float
         Of the :class:`.features.VoxelGrid`.
 
     """
+    across, slack, cone = data.tolerances[k, 0] * widen, data.tolerances[k, 1] * widen, data.tolerances[k, 2] * widen
     # Its middle lies past an end by no more than this, for the cosine of an angle is at least 1 - angle^2 / 2.
-    past = max(0.0, slack - half * (1.0 - 0.5 * cone * cone))
+    past = max(0.0, slack - data.rows[k, 6] * (1.0 - 0.5 * cone * cone))
     return min(int(np.sqrt(across * across + past * past) * per_metre) + 1, NEAR_LAYERS)
 
 
@@ -235,9 +235,7 @@ def count_matches(
         if gz < 0.0 or gz >= nz:
             continue
         at = ((int(gx) * ny + int(gy)) * nz + int(gz)) * NEAR_LAYERS
-        tol = data.tolerances[k]
-        layers = layers_within(tol[0] * widen, tol[1] * widen, rows[k, 6], tol[2] * widen, grid.per_metre)
-        first, last = starts[at], starts[at + layers]
+        first, last = starts[at], starts[at + layers_within(k, data, widen, grid.per_metre)]
         if first == last:
             continue
         direction = inverse_rotate(pose, rows[k, 3], rows[k, 4], rows[k, 5])
@@ -298,11 +296,9 @@ def assign(
         if not (0.0 <= gx < nx and 0.0 <= gy < ny and 0.0 <= gz < nz):
             continue
         at = ((int(gx) * ny + int(gy)) * nz + int(gz)) * NEAR_LAYERS
-        tol = data.tolerances[k]
-        layers = layers_within(tol[0] * widen, tol[1] * widen, rows[k, 6], tol[2] * widen, grid.per_metre)
         vx, vy, vz = inverse_rotate(pose, rows[k, 3], rows[k, 4], rows[k, 5])
         best = 2.0
-        for q in range(grid.starts[at], grid.starts[at + layers]):
+        for q in range(grid.starts[at], grid.starts[at + layers_within(k, data, widen, grid.per_metre)]):
             j = grid.items[q]
             fit = fit_one(k, data, j, model, (px, py, pz), (vx, vy, vz), widen)
             if 0.0 <= fit < best:

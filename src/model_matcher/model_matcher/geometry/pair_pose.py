@@ -268,9 +268,7 @@ def into_frame(
         limits[count, 1] = tols[k, 1] * widen
         limits[count, 2] = rows[k, 6]
         limits[count, 3] = np.cos(min(tols[k, 2] * widen, WIDEST_CONE)) ** 2
-        near.layers[count] = layers_within(
-            tols[k, 0] * widen, tols[k, 1] * widen, rows[k, 6], tols[k, 2] * widen, per_metre
-        )
+        near.layers[count] = layers_within(k, data, widen, per_metre)
         near.features[count] = k
         count += 1
     return count

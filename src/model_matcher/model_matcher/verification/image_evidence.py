@@ -221,9 +221,9 @@ def _turns(index: ModelIndex, shape: Shape, hypothesis: Interpretation, motion: 
 
 
 def _coarse(shape: Shape, pose: Pose, views: Views) -> tuple[Views, float]:
-    """Images in which a shape is not seen large, half the size or less, and REACH in them, in pixels of the images.
+    """Images, halved until a shape is not seen large in them, and how many pixels of the given ones REACH is there.
 
-    An outline has half as many points there and is as far off as half as many pixels.
+    In an image of half the size an outline has half as many points, and is off by half as many pixels.
     """
     reach = float(REACH)
     while _pixels(shape, pose, views) > SEEN_LARGE:
