@@ -13,7 +13,7 @@ from ..stopwatch import Late, never
 from . import settings
 from .axes import Axis, find_axes
 from .curve import Curve, cross
-from .fit import is_reported
+from .fit import bounds_surface
 from .observations import StereoEdgels
 from .occluding_contours import CurvedSurface
 from .recovery import recover_curves
@@ -29,11 +29,11 @@ class CurvedShapes:
     curves : list of Curve
         All that were found, contours of spheres included, which explain edgels.
     reported : list of Curve
-        Those that are curves of the object, and known well enough to be features.
+        Those that are curves of the object.
     axes : list of Axis
-        Of the reported ones.
+        Of those that are known well enough.
     surfaces : list of CurvedSurface
-        That any reported rim may bound.
+        That any of these may bound.
     """
 
     curves: list[Curve]
@@ -70,9 +70,8 @@ def recover_curved_shapes(
     """
     curves = distinct(recover_curves(matches, segments, ellipses, edgels, late))
     rims = without_spheres(curves, edgels)
-    reported = [curve for curve in rims if is_reported(curve)]
-    axes, surfaces = find_axes(reported, segments, edgels.rig)
-    return CurvedShapes(curves, reported, axes, surfaces)
+    axes, surfaces = find_axes([rim for rim in rims if bounds_surface(rim)], segments, edgels.rig)
+    return CurvedShapes(curves, rims, axes, surfaces)
 
 
 def distinct(curves: list[Curve]) -> list[Curve]:

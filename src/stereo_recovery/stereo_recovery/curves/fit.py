@@ -61,13 +61,13 @@ def distances(curve: Curve, edgels: StereoEdgels, index: IntArray) -> FloatArray
 
 
 def is_determined(curve: Curve) -> bool:
-    """Whether a curve's own edgels determine it, so that it explains them."""
+    """Whether a curve is known well enough to be a feature and to explain edgels."""
     return _relative_sigma(curve) < settings.DETERMINED_SIGMA
 
 
-def is_reported(curve: Curve) -> bool:
-    """Whether a curve is known well enough to be a feature. Others only explain edgels."""
-    return _relative_sigma(curve) < settings.REPORTED_SIGMA
+def bounds_surface(curve: Curve) -> bool:
+    """Whether a curve is known well enough to tell where the axis and the contours of a surface that it bounds are."""
+    return _relative_sigma(curve) < settings.SURFACE_SIGMA
 
 
 def _relative_sigma(curve: Curve) -> float:

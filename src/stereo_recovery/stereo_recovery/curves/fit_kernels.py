@@ -345,12 +345,13 @@ def fit(shape: CurveShape, circle: bool, seen: Seen, index: IntArray, rough: boo
     if rough or not np.isfinite(rms):
         return Fit(bool(np.isfinite(rms)), shape, nothing, rms, np.inf)
     free = max(len(index) - size, 1)
-    correlated = CORRELATION_LENGTH * max(1.0, (weights * distance * distance).sum() / free)
     # Displacements that edgels have in common do not average out: those of a sector, and those of all.
-    spread = matrix * correlated
+    spread = matrix * CORRELATION_LENGTH
     sector = sectors(shape, seen, index)
     spread += _common(rows, weights, sigma, sector)
     spread += _common(rows, weights, OVERALL_SHARE * sigma, 0 * sector)
+    # All of them are as much larger than stated as what is left over shows.
+    spread *= max(1.0, (weights * distance * distance).sum() / free)
     inverse = np.eye(size)
     if not solve(matrix, inverse):
         return failed

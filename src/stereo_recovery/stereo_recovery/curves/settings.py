@@ -56,10 +56,10 @@ MOST_MISFIT = 2.0
 SHARED_EDGELS = 0.6
 # Share of an arc's length that is matched, at least, where the other image shows no arc.
 MATCHED_SHARE = 0.2
-# Sigma of the normal, radians, and of the radius, over it: a curve with less than the first explains its edgels, one
-# with less than the second is a feature.
+# Sigma of the normal, radians, and of the radius, over it: a curve with less than the first is a feature and explains
+# its edgels, one with less than the second gives its surface an axis and contours.
 DETERMINED_SIGMA = 0.04
-REPORTED_SIGMA = 0.025
+SURFACE_SIGMA = 0.025
 # Curves that were found twice: those whose centres and radii differ by less than this, in radii, and their normals,
 # radians.
 SAME_RIM = 0.04
