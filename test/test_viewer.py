@@ -284,7 +284,7 @@ def test_a_lost_object_is_a_moment_without_it(demo):
     ],
 )
 def test_what_cannot_be_viewed_is_named_in_one_line(arguments, says, capsys):
-    assert main(arguments) == 2
+    assert main([*arguments, '--port', '0']) == 2
     said = capsys.readouterr().err
     assert said.startswith('view: ') and said.count('\n') == 1 and says in said
 

@@ -4,7 +4,9 @@ import threading
 
 import numpy as np
 import pytest
+from scipy import stats
 
+from msgs_py.numeric import spatial
 from msgs_py.numeric.covariances import (
     along_and_across,
     as_covariances,
@@ -14,8 +16,8 @@ from msgs_py.numeric.covariances import (
     semidefinite,
     upper_triangles,
 )
-from msgs_py.numeric.robust import sigma_from_median
-from msgs_py.numeric.spatial import nearest_neighbours, rotations
+from msgs_py.numeric.robust import outlying, sigma_from_median
+from msgs_py.numeric.spatial import any_within, pairs_within, rotations
 from msgs_py.numeric.steps import CompileStep, Preparation, run_all
 
 
@@ -24,8 +26,27 @@ def test_sigma_of_normal_noise():
     assert sigma_from_median(float(np.median(np.abs(noise)))) == pytest.approx(3.0, rel=0.01)
 
 
-def test_what_is_taken_from_scipy():
-    assert nearest_neighbours([[0.0, 0.0], [1.0, 0.0]]).query([[0.9, 0.1]])[1].tolist() == [1]
+def test_what_is_outlying_is_the_quantile_of_chi_squared():
+    rare = 2.0 * stats.norm.sf(3.0)
+    for freedom in range(1, 40):
+        assert outlying(freedom) == pytest.approx(stats.chi2.isf(rare, freedom), rel=1e-12)
+
+
+def test_what_is_near_is_the_same_where_a_tree_finds_it(monkeypatch):
+    random = np.random.default_rng(0)
+    some, others = random.uniform(size=(80, 3)), random.uniform(size=(60, 3)) + [0.9, 0.0, 0.0]
+    few = pairs_within(some, 0.2), [any_within(some, others, d) for d in (0.01, 0.05, 0.1, 0.5)]
+    monkeypatch.setattr(spatial, 'MOST_COMPARED', 0)
+    many = pairs_within(some, 0.2), [any_within(some, others, d) for d in (0.01, 0.05, 0.1, 0.5)]
+    assert len(few[0]) > 20
+    assert {*map(tuple, few[0].tolist())} == {*map(tuple, np.sort(many[0], axis=1).tolist())}
+    assert few[1] == many[1]
+    assert few[1] == [bool(np.linalg.norm(some[:, None] - others, axis=2).min() < d) for d in (0.01, 0.05, 0.1, 0.5)]
+    assert few[1][0] < few[1][-1]
+    assert not any_within(some, others[:0], 1.0)
+
+
+def test_turns_are_those_of_scipy():
     np.testing.assert_allclose(rotations().from_rotvec([0, 0, np.pi / 2]).apply([1.0, 0.0, 0.0]), [0, 1, 0], atol=1e-12)
 
 

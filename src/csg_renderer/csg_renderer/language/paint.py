@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from msgs_py.numeric.spatial import nearest_neighbours
+from msgs_py.numeric.spatial import any_within
 from msgs_py.numeric.typed import FloatArray
 
 from ..brep.surfaces import SurfaceTable, compile_surfaces
@@ -115,12 +115,10 @@ def _importance(left: dict[int, Face]) -> np.ndarray:
     """(n, n) float64: how much it matters that two faces differ."""
     out = np.full((len(left), len(left)), OTHERS)
     faces = list(left.values())
-    trees = [nearest_neighbours(face.samples) for face in faces]
     for i, one in enumerate(faces):
         for j, other in enumerate(faces[:i]):
-            near = trees[i].query(other.samples, distance_upper_bound=one.spacing + other.spacing)[0]
             alike = float(one.outward @ other.outward)
-            if np.isfinite(near).any():
+            if any_within(one.samples, other.samples, one.spacing + other.spacing):
                 out[i, j] = out[j, i] = MEETING
             elif abs(alike) > 1.0 - SAME_DIRECTION:
                 out[i, j] = out[j, i] = ALIKE if alike > 0.0 else OPPOSITE

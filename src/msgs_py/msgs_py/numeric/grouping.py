@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .spatial import nearest_neighbours
+from .spatial import pairs_within
 from .typed import FloatArray, IntArray
 
 
@@ -68,6 +68,5 @@ def cluster(rows: FloatArray, tolerance: float) -> tuple[IntArray, IntArray]:
     """
     if not len(rows):
         return np.zeros(0, int), np.zeros(0, int)
-    pairs = nearest_neighbours(rows).query_pairs(tolerance * np.sqrt(rows.shape[1]), output_type='ndarray')
-    labels = linked_groups(len(rows), pairs)
+    labels = linked_groups(len(rows), pairs_within(rows, tolerance * np.sqrt(rows.shape[1])))
     return labels, np.unique(labels, return_index=True)[1]

@@ -19,6 +19,9 @@ NAME_CHARACTERS = 40
 # How many sigma what bounds an error is, such as err_par and err_per of a feature; beyond it is no noise.
 BOUND_SIGMA = 3.0
 
+# Halvings of an interval after which its ends are one number of 64 bits.
+BISECTIONS = 60
+
 # The median of |x| of a normal variable x of sigma 1 (its upper quartile).
 NORMAL_QUARTILE = 0.6745
 # Times the median of |x| gives sigma: 1 / NORMAL_QUARTILE, rounded as in most textbooks.
@@ -31,6 +34,9 @@ NOT_ZERO = 1e-12
 PSD_TOLERANCE = 1e-6
 # Stands for a sigma of zero where something is divided by it, in any unit.
 LEAST_SIGMA = 1e-150
+
+# Pairs of points that are compared in a tenth of the time that a library takes to be imported which compares fewer.
+MOST_COMPARED = 1_000_000
 
 # Seconds between two looks at the clock, and at what else may end a piece of work.
 LOOK_S = 0.005

@@ -13,7 +13,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
 
 from msgs_py.numeric.typed import BoolArray, FloatArray
 
@@ -115,6 +114,10 @@ def _blur_of(light: FloatArray, noise: FloatArray, segments: Segments, k: int, s
     parts = 0.5 * (nodes[:, None] * across[0] + nodes[None] * across[1]).ravel()
     shares = 0.25 * np.outer(weights, weights).ravel()
 
+    # The seam: the imports take 0.7 s, a quarter of a node's start, and no node measures cameras.
+    from scipy.optimize import least_squares
+    from scipy.special import ndtr
+
     def profile(p: FloatArray) -> FloatArray:
         """Levels: dark, step, place, turn, blur, shade on either side."""
         dark, step, place, turn, blur, before, after = p
@@ -128,9 +131,6 @@ def _blur_of(light: FloatArray, noise: FloatArray, segments: Segments, k: int, s
     start = np.array([sides[0], sides[1] - sides[0], 0.0, 0.0, 0.7, 0.0, 0.0])
     least = np.array([-np.inf, -np.inf, -2.0, -2.0, LEAST_PSF, -np.inf, -np.inf])
     most = np.array([np.inf, np.inf, 2.0, 2.0, 0.5 * EDGE_REACH, np.inf, np.inf])
-    # The seam: the import takes 0.5 s, a fifth of a node's start, and no node measures cameras.
-    from scipy.optimize import least_squares
-
     fit = least_squares(lambda p: (profile(p) - value) / sigma, start, bounds=(least, most), x_scale='jac')
     step, typical = abs(fit.x[1]), float(np.median(sigma))
     left = float(np.sqrt(np.mean((profile(fit.x) - value) ** 2)))

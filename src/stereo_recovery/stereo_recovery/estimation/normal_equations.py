@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import fields
 
 import numpy as np
-from scipy.sparse import csc_matrix
-from scipy.sparse.linalg import splu
 
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 from . import equation_kernels, sparse_kernels
+from .elimination_order import least_degree
 from .equation_kernels import Solution, System
 from .factors import Factors
 
@@ -35,7 +34,7 @@ class NormalEquations:
         n = len(information)
         both = factors.other >= 0
         e, f = factors.edge, np.where(both, factors.other, factors.edge)
-        self.place = _numbering(n, e[both], f[both]) if place is None else place
+        self.place = least_degree(n, e[both], f[both]) if place is None else place
         low, high = np.minimum(self.place[e], self.place[f]), np.maximum(self.place[e], self.place[f])
         self.pattern = sparse_kernels.pattern(n, low[both], high[both])
         slot = np.full(len(factors), -1)
@@ -58,16 +57,3 @@ class NormalEquations:
         used = used.copy()
         solution, holds = equation_kernels.decide(self._system, used)
         return used, solution, holds
-
-
-def _numbering(count: int, e: IntArray, f: IntArray) -> IntArray:
-    """(count,) place of each node in an order of least degree, of a graph with links e - f, (k,) each."""
-    node = np.arange(count)
-    if len(e) == 0:
-        return node
-    rows, columns = np.concatenate([node, e, f]), np.concatenate([node, f, e])
-    # Entries of one place add up; a large diagonal keeps the factorisation from pivoting.
-    entries = np.where(rows == columns, 4.0 * len(rows), 1.0)
-    graph = csc_matrix((entries, (rows, columns)), (count, count))
-    order = splu(graph, permc_spec='MMD_AT_PLUS_A', diag_pivot_thresh=0.0, options={'SymmetricMode': True}).perm_c
-    return np.asarray(order, np.int64)
