@@ -27,7 +27,7 @@ from ..geometry.pose_rows import as_motion, as_pose
 from ..geometry.settings import NOT_ZERO
 from .alignment import Steps, align
 from .model_error import FIRST_ERROR, NO_ERROR, ModelError, settled
-from .neighbours import neighbours
+from .neighbours import may_hide, neighbours
 from .presence import shown_outline
 from .profiles import Quality, Stretches, find_steps, fit_steps
 from .settings import (
@@ -215,7 +215,7 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
 
 def _laid_on_fitted(shape: Shape, motion: FloatArray, views: Views, sight: Sight, density: float) -> _Laid:
     """A pose near (12,), with the tone curve of the views; density : see :func:`elsewhere`."""
-    steps = fitted(sight, views)
+    steps = own_steps(fitted(sight, views), sight, motion, views)
     # While the outline may be off by much, a turn that little tells of goes after whatever runs beside its edges: the
     # pose is laid anew once it is known by how little.
     about = shape.centre, views.rows, sight.placed, steps
@@ -322,6 +322,15 @@ def fitted(sight: Sight, views: Views) -> Steps:
     return Steps(np.where(known, out[:, 0], 0.0)[:, None], known.astype(np.int32), np.where(known, out[:, 1], 1.0))
 
 
+def own_steps(steps: Steps, sight: Sight, motion: FloatArray, views: Views) -> Steps:
+    """The steps, but none at points that may hide at a pose (12,): one step does not hold two curves.
+
+    Of two edges that blur into one, or of one that is hidden by now, a fit makes two as well as it can.
+    """
+    hides = may_hide(sight.placed, motion, views.rows)
+    return steps._replace(number=np.where(hides, np.minimum(steps.number, 0), steps.number))
+
+
 def _blur_and_walk(
     image: ByteArray, outline: Stretches, beside: FloatArray, tone: float, noise: float
 ) -> tuple[float, float, float]:
@@ -359,9 +368,15 @@ def _blur_and_walk(
         best = near
     if not np.isfinite(cost(best)):
         return BLURS[1], FIRST_WALK, 0.0
+    blur = BLURS[best]
+    if 0 < best < len(BLURS) - 1 and np.isfinite(cost(best - 1) + cost(best + 1)):
+        # Between those that were tried: where a parabola through the three has its bottom.
+        before, here, after = (cost(k) for k in (best - 1, best, best + 1))
+        towards = 0.5 * (before - after) / max(before - 2.0 * here + after, NOT_ZERO)
+        blur *= float(BLURS[best + 1] / blur if towards > 0.0 else blur / BLURS[best - 1]) ** towards
 
     def left(walk: float) -> float:
-        fit_steps(image, part, nothing, Quality(tone, BLURS[best], noise, walk, 0.0), out)
+        fit_steps(image, part, nothing, Quality(tone, blur, noise, walk, 0.0), out)
         return -float(np.nanmean(out[:, 3]))
 
     # The more they may wander, the less is left: as much as was expected where the walk is right.
@@ -372,7 +387,7 @@ def _blur_and_walk(
     differences = 2 * FLANK - 2
     dispersion = float(np.nanvar(np.log(out[:, 3])) - polygamma(1, 0.5 * differences))
     believed = (1.0 + np.sqrt(1.0 + 2.0 * dispersion)) / dispersion if dispersion > 0.0 else np.inf
-    return BLURS[best], walk, differences / (differences + believed)
+    return blur, walk, differences / (differences + believed)
 
 
 def laid(

@@ -11,11 +11,10 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 
 from ..geometry.least_squares import covariances
 from ..image_pose.alignment import Steps
-from ..image_pose.measurement import Presence, elsewhere, fitted, laid, searched, shown
+from ..image_pose.measurement import Presence, elsewhere, fitted, laid, own_steps, searched, shown
 from ..image_pose.model_error import NO_ERROR, ModelError, settled
-from ..image_pose.neighbours import may_hide
 from ..image_pose.settings import DRAWN_IN, FARTHEST_STEP, FEWEST_POINTS, FLANK, REACH, SPACING, TO_POSE
-from ..image_pose.sight import Outline, Shape, Sight, drawn
+from ..image_pose.sight import Outline, Shape, drawn
 from ..image_pose.views import Views
 from .settings import RARE
 
@@ -80,7 +79,7 @@ def searched_for(
         # are asked within REACH and a pixel, and it may have moved by one.
         steps = searched(sight, levels[level], REACH + 2 if search_px <= FLANK else reach)
         near = within(steps, reach) if search_px <= FLANK else steps
-        near = _own(near, sight, motion, levels[level])
+        near = own_steps(near, sight, motion, levels[level])
         widths = np.array([width for width in DRAWN_IN if width <= 0.5 * reach + 1.0])
         laid(shape, motion, levels[level], sight, near, widths, NO_ERROR, elsewhere(near, reach), prior)
     there = drawn(seen, motion, shape.centre, views, SPACING)
@@ -90,12 +89,6 @@ def searched_for(
             steps = steps._replace(offset=steps.offset - moved[:, None])
             return Place(motion, *shown(there, views, (RARE, RARE), steps, screened=False))
     return Place(motion, *shown(there, views, (RARE, RARE), screened=False))
-
-
-def _own(steps: Steps, sight: Sight, motion: FloatArray, views: Views) -> Steps:
-    """The steps, but none at points that may hide: one step does not hold two curves."""
-    hides = may_hide(sight.placed, motion, views.rows)
-    return steps._replace(number=np.where(hides, np.minimum(steps.number, 0), steps.number))
 
 
 def within(steps: Steps, reach: int) -> Steps:
@@ -130,8 +123,7 @@ def measured(
     if len(sight) < FEWEST_POINTS:
         return None
     density = elsewhere(within(place.steps, FLANK), FLANK)
-    # Of two edges that blur into one, or of one that is hidden by now, the fit makes two as well as it can.
-    steps = _own(fitted(sight, views), sight, motion, views)
+    steps = own_steps(fitted(sight, views), sight, motion, views)
     _, weight, normal, error = settled(motion, shape.centre, views.rows, sight.placed, steps, error, density, TO_POSE)
     if (weight > 0.0).sum() < FEWEST_POINTS:
         return None
