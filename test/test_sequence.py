@@ -132,6 +132,8 @@ def test_what_a_bar_hides_is_missing_from_the_visible_share():
     narrow = rendered_sequence(SMALL, replace(motion, occlusion=0.4)).visible_share
     assert 0.3 < narrow.min() < 0.9
     assert frame.visible_share == shares.min()
+    assert np.array_equal(sequence.eye_shares.min(axis=1), shares)
+    assert (sequence.eye_shares.max(axis=1) > shares + 0.2).any()
 
 
 def test_a_part_that_leaves_the_picture_is_seen_in_part():

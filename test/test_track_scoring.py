@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,12 @@ def test_a_loss_may_go_unnoticed_for_three_frames():
     )
     assert row['held_wrong'] == 5 and row['late'] == 2
     assert row['lost'] == 0 and row['gone'] == 6
+
+
+def test_a_part_that_one_eye_sees_is_not_gone():
+    steps = [step(1.0, NEAR), *[replace(step(0.0, NEAR), seen=0.3)] * 6, replace(step(0.0, None), seen=0.01)]
+    row = score_track(steps)
+    assert row['held_wrong'] == 0 and row['gone'] == 1 and row['to_hold'] == 1
 
 
 @given(st.lists(st.booleans(), max_size=40))

@@ -127,7 +127,7 @@ def _steps(track: Track, make: MakeTracker) -> list[Step]:
         since = np.array([time.perf_counter(), time.process_time()])
         pose = tracker(frame.images, frame.rig)
         taken = 1e3 * (np.array([time.perf_counter(), time.process_time()]) - since)
-        steps.append(Step(frame.instance, pose, *taken.tolist()))
+        steps.append(Step(frame.instance, pose, *taken.tolist(), seen=frame.seen))
     return steps
 
 
@@ -154,7 +154,7 @@ COLUMNS = (
 KEPT = tuple(key for _, key, _ in COLUMNS if not key.endswith('ms') and not key.startswith('ms'))
 LEGEND = """\
 to hold, lost, share: frames in which enough of the part is seen, and those of them without a right pose
-gone: frames in which nearly nothing is seen; wrong: frames with a wrong pose
+gone: frames in which no eye sees more than a little; wrong: frames with a wrong pose
 in a row: the most frames with a wrong pose, or one of a part that is gone, one after another
 late: frames beyond three in a row with a wrong pose, or with one of a part that is gone
 deg, mm: of right poses at the part's middle, median and p90; ms, cpu: a frame, without the first"""

@@ -19,12 +19,16 @@ NOTICED = 3
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A frame's answer: the instance as it is, what was said of it, and the time, by the clock and of processors."""
+    """A frame's answer: the instance as it is, what was said of it, and the time, by the clock and of processors.
+
+    seen : the share of it that the eye sees which sees most, where it is more than that of the instance
+    """
 
     instance: Instance
     pose: Pose | None
     milliseconds: float
     cpu_milliseconds: float
+    seen: float | None = None
 
     @property
     def off(self) -> Difference | None:
@@ -51,7 +55,9 @@ def score_track(steps: list[Step]) -> dict[str, Any]:
     right = np.array([step.right for step in steps], bool)
     wrong = np.array([step.wrong for step in steps], bool)
     told = np.array([step.pose is not None for step in steps], bool)
-    held, gone = shares >= HELD_SHARE, shares < GONE_SHARE
+    # Held is asked of what both eyes see; gone is what neither does.
+    seen = np.array([step.instance.share if step.seen is None else step.seen for step in steps])
+    held, gone = shares >= HELD_SHARE, seen < GONE_SHARE
     mistaken = wrong | (told & gone)
     runs = run_lengths(mistaken)
     offs = [step.off for step in steps if step.right]

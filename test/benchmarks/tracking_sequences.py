@@ -25,12 +25,16 @@ LEAST_BASELINE = 0.025
 
 @dataclass(frozen=True, eq=False)
 class TrackFrame:
-    """One step of a tracker: pictures, cameras, and what is true in the first camera's frame."""
+    """One step of a tracker: pictures, cameras, and what is true in the first camera's frame.
+
+    seen : the share of the part that the eye sees which sees most of it; None where that is not known
+    """
 
     number: int
     images: tuple[np.ndarray, ...]
     rig: Rig
     instance: Instance
+    seen: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +78,8 @@ def rendered_track(name: str, frames: int) -> Track:
     def steps() -> Iterator[TrackFrame]:
         for frame in sequence:
             instance = Instance(part, frame.pose, frame.visible_share, part.axis)
-            yield TrackFrame(frame.number, frame.images, sequence.rig, instance)
+            seen = None if sequence.eye_shares is None else float(sequence.eye_shares[frame.number].max())
+            yield TrackFrame(frame.number, frame.images, sequence.rig, instance, seen)
 
     return Track(name, part, len(sequence), steps)
 

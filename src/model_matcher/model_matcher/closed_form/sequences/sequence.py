@@ -76,6 +76,8 @@ class Sequence:
         See :class:`SequenceFrame`.
     images : callable
         The pictures of a frame, by its number.
+    eye_shares : (n, 2) float64, optional
+        The share that either eye sees; None where it is not known.
     """
 
     name: str
@@ -84,6 +86,7 @@ class Sequence:
     poses: tuple[Pose, ...]
     visible_share: np.ndarray
     images: Callable[[int], tuple[np.ndarray, np.ndarray]]
+    eye_shares: np.ndarray | None = None
 
     def __len__(self) -> int:
         """Number of frames."""
@@ -128,8 +131,8 @@ def rendered_sequence(case: Case, motion: Motion) -> Sequence:
     """
     stage = _Stage(case, motion)
     poses = tuple(stage.course.pose(float(stamp)) for stamp in motion.stamps)
-    shares = np.array([stage.visible_share(float(stamp)) for stamp in motion.stamps])
-    return Sequence(stage.name, stage.rig, motion.stamps, poses, shares, stage.images)
+    shares = np.array([stage.visible_shares(float(stamp)) for stamp in motion.stamps])
+    return Sequence(stage.name, stage.rig, motion.stamps, poses, shares.min(axis=1), stage.images, shares)
 
 
 class _Stage:
@@ -210,8 +213,8 @@ class _Stage:
         count = int(np.clip(np.ceil(moved.max()), 1, SUBFRAMES)) if open_s > 0.0 else 1
         return np.asarray(stamp + open_s * ((np.arange(count) + 0.5) / count - 0.5))
 
-    def visible_share(self, time: float) -> float:
-        """See :class:`SequenceFrame`."""
+    def visible_shares(self, time: float) -> list[float]:
+        """Of either eye, see :class:`SequenceFrame`."""
         pose = self.course.pose(time)
         front = self._in_front(time)
         shares = []
@@ -220,8 +223,8 @@ class _Stage:
             placed = eye_T_left.compose(pose)
             whole = _seen_length(self.model, placed, _without_end(camera), [])
             seen = _seen_length(self.model, placed, camera, [(solid, eye_T_left) for solid in front])
-            shares.append(seen / whole if whole > 0.0 else 0.0)
-        return float(min(1.0, *shares))
+            shares.append(min(seen / whole, 1.0) if whole > 0.0 else 0.0)
+        return shares
 
 
 def _without_end(camera: PinholeCamera) -> PinholeCamera:
