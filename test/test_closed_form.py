@@ -218,6 +218,10 @@ def test_a_damaged_saved_case_is_refused_by_name(tmp_path, capsys):
     with pytest.raises(ValueError, match='colour'):
         load_case(tmp_path)
     assert main(['--replay', str(tmp_path)]) == 2 and 'colour' in capsys.readouterr().err
+    for text in ('[' * 100_000, f'{{"case": {{"scene": "l_shape_v1", "noise": 1{400 * "0"}}}, "limits": {{}}}}'):
+        (tmp_path / 'case.json').write_text(text)
+        with pytest.raises(ValueError, match='case.json'):
+            load_case(tmp_path)
     assert main(['--replay', str(tmp_path / 'nowhere')]) == 2
 
 

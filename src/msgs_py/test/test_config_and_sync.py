@@ -41,6 +41,8 @@ class TestConfig:
             ('size', 64.0, 'an integer'),
             ('size', True, 'an integer'),
             ('gain', float('nan'), 'finite'),
+            ('gain', 10**400, 'finite'),
+            ('size', 10**400, 'finite'),
             ('gain', -1.0, 'at least 0'),
             ('mode', 'c', "one of 'a', 'b'"),
             ('on', 1, 'true or false'),

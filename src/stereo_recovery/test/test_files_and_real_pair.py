@@ -19,6 +19,7 @@ from stereo_recovery.recover_cli import main
 
 DATA = Path(str(resources.files('stereo_recovery'))) / 'data' / 'chessboard'
 BOARDS = Path(__file__).resolve().parents[3] / 'test' / 'chessboards'
+SHAPES = {'K': (3, 3), 'D': (1, 5), 'R': (3, 3), 'P': (3, 4)}
 SIZE = (640, 480)
 
 
@@ -101,6 +102,18 @@ def test_opencv_calibration_gives_the_rig():
     assert rig.baseline == pytest.approx(3.32726, abs=1e-4)
 
 
+def test_opencv_files_say_what_opencv_wrote(tmp_path):
+    random = np.random.default_rng(0)
+    written = {f'{name}{k}': 10.0 ** random.uniform(-9, 9, shape) for k in (1, 2) for name, shape in SHAPES.items()}
+    storage = cv2.FileStorage(str(tmp_path / 'calibration.yaml'), cv2.FILE_STORAGE_WRITE)
+    for name, matrix in written.items():
+        storage.write(name, matrix)
+    storage.release()
+    for k, camera in enumerate(load_cameras(tmp_path / 'calibration.yaml', SIZE), 1):
+        for name in SHAPES:
+            assert getattr(camera, name.lower()) == written[f'{name}{k}'].ravel().tolist()
+
+
 def camera_info_yaml(name: str, offset: float) -> str:
     return (
         f'image_width: 640\nimage_height: 480\ncamera_name: {name}\ndistortion_model: plumb_bob\n'
@@ -143,6 +156,9 @@ def test_the_camera_of_an_ideal_pair_is_one_file(tmp_path):
         ('just words', 'expected a calibration'),
         ('image_width: 3', 'describes one camera'),
         ('%YAML:1.0\n---\nK1: 3\n', 'no matrix P1'),
+        ('%YAML:1.0\n---\nP1: !!opencv-matrix\n  rows: 3\n  cols: 4\n  data: [1, 2]', 'P1: expected rows x cols'),
+        ('%YAML:1.0\n---\nP1: !!opencv-matrix\n  data: [1', 'not readable as OpenCV YAML'),
+        ('%YAML:1.0\n---\nP1: ' + 5000 * '[', 'not readable as OpenCV YAML'),
         ('left: {}\nright: {}', 'left camera: projection_matrix'),
     ],
 )

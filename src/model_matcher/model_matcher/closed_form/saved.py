@@ -45,7 +45,7 @@ def load_case(folder: str | Path) -> tuple[Case, Limits]:
     try:
         record = json.loads(text)
         values, limits = dict(record['case']), dict(record['limits'])
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise ValueError(f'{path}: not a saved case: {error}') from None
     for name, given, known in (('case', values, Case), ('limits', limits, Limits)):
         unknown = set(given) - {field.name for field in fields(known)}
@@ -66,7 +66,7 @@ def load_case(folder: str | Path) -> tuple[Case, Limits]:
         if not below or not (is_plain_name(case.scene) or beside.exists()):
             raise ValueError(f'scene: expected a file below the folder, or the name of a model, got {case.scene!r}')
         return replace(case, scene=str(beside)) if beside.exists() else case, Limits(**limits)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f'{path}: {error}') from None
 
 

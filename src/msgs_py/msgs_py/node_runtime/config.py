@@ -7,6 +7,7 @@ exists is usable; a changed parameter builds a new candidate and swaps it in who
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from typing import Any, TypeVar
@@ -95,6 +96,10 @@ class ParameterSpec:
 
     def _check_one(self, value: Any, kind: type) -> Any:
         accepted = isinstance(value, kind) and (kind is bool or not isinstance(value, bool))
+        if kind in (int, float) and isinstance(value, int) and abs(value) > sys.float_info.max:
+            raise ValueError(
+                f'parameter {self.name}: expected a finite number, got an integer of {value.bit_length()} bits'
+            )
         if kind is float and isinstance(value, int) and not isinstance(value, bool):
             value, accepted = float(value), True  # "sigma:=2" is what people type
         if not accepted:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import yaml
 
@@ -179,11 +178,7 @@ def opencv_cameras(path: Path, size: tuple[int, int]) -> list[CameraFile]:
     ValueError
         When it is not readable, or a projection matrix is missing; the message names the file.
     """
-    try:
-        matrices = _opencv_matrices(path)
-    except (cv2.error, SystemError) as error:  # bindings may wrap the one in the other
-        cause = error if isinstance(error, cv2.error) else error.__cause__
-        raise ValueError(f'{path}: not readable as OpenCV YAML: {getattr(cause, "err", None) or error}') from None
+    matrices = _opencv_matrices(path)
     cameras = []
     for number, found in enumerate(matrices, 1):
         if 'p' not in found:
@@ -199,23 +194,51 @@ def opencv_cameras(path: Path, size: tuple[int, int]) -> list[CameraFile]:
     return cameras
 
 
+class _OpencvYaml(yaml.SafeLoader):  # type: ignore[misc]
+    """What PyYAML makes of OpenCV's files; OpenCV's own reader writes beyond its memory where they are damaged."""
+
+
+_OpencvYaml.add_multi_constructor(
+    'tag:yaml.org,2002:opencv-', lambda loader, _, node: loader.construct_mapping(node, deep=True)
+)
+
+
 def _opencv_matrices(path: Path) -> list[dict[str, list[float]]]:
     """What the file has for each camera, by the field names of CameraFile; a third and further ones if it has P."""
-    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+    text = read_text(path, errors='replace').lstrip()
+    if text.startswith('%YAML:'):  # no directive of YAML
+        text = text.partition('\n')[2]
+    try:
+        document = next(iter(yaml.load_all(text, _OpencvYaml)), None)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise ValueError(f'{path}: not readable as OpenCV YAML: {error}') from None
+    nodes = document if isinstance(document, dict) else {}
     cameras: list[dict[str, list[float]]] = []
     while True:
         number = len(cameras) + 1
         matrices: dict[str, list[float]] = {}
         for name, spellings in OPENCV_NAMES.items():
-            nodes = [storage.getNode(spelling.format(number)) for spelling in spellings]
-            found = [node.mat() for node in nodes if not node.empty() and node.isMap()]
-            if found and found[0] is not None:
-                matrices[name] = [float(x) for x in np.asarray(found[0]).ravel()]
+            found = [spelling.format(number) for spelling in spellings]
+            found = [key for key in found if isinstance(nodes.get(key), dict)]
+            if found:
+                matrices[name] = _numbers_of(path, found[0], nodes[found[0]])
         if number > 2 and 'p' not in matrices:
             break
         cameras.append(matrices)
-    storage.release()
     return cameras
+
+
+def _numbers_of(path: Path, name: str, matrix: dict[str, Any]) -> list[float]:
+    """The numbers of a matrix of OpenCV's."""
+    data = matrix.get('data')
+    try:
+        numbers = [float(x) for x in data] if isinstance(data, list) else []
+        size = int(matrix['rows']) * int(matrix['cols'])
+    except (KeyError, TypeError, ValueError, OverflowError):
+        numbers, size = [], 1
+    if len(numbers) != size:
+        raise ValueError(f'{path}: not readable as OpenCV YAML: {name}: expected rows x cols numbers in data')
+    return numbers
 
 
 def documents_of(path: Path, text: str) -> list[dict[str, Any]]:
@@ -234,7 +257,7 @@ def documents_of(path: Path, text: str) -> list[dict[str, Any]]:
     """
     try:
         documents = [d for d in yaml.safe_load_all(text) if d is not None]
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise ValueError(f'{path}: not YAML: {error}') from None
     if not documents or not all(isinstance(d, dict) for d in documents):
         raise ValueError(f'{path}: expected a calibration, OpenCV YAML or ROS camera_info YAML')
