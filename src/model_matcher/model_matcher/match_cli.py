@@ -7,7 +7,6 @@ match part.csg features.npz -o found.png --image left.png --right right.png --ca
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,7 +18,7 @@ import numpy as np
 from csg_renderer.mesh.units import GUESS, MESH_UNITS
 from msgs_py import FeatureSet, Interpretation, PinholeCamera, Pose, StereoRig
 from msgs_py.commands import DONE, NOTHING, CommandParser, add_json, run_command
-from msgs_py.files import check_image, read_text
+from msgs_py.files import check_image, read_json
 from msgs_py.numeric.typed import ByteArray
 from stereo_recovery.settings import PICTURES
 
@@ -289,7 +288,7 @@ def views_of(options: argparse.Namespace, image: ByteArray | None) -> Views | No
     assert right is not None
     camera = load_camera(options.camera)
     try:
-        baseline = float(json.loads(read_text(options.camera))['baseline'])
+        baseline = float(read_json(options.camera)['baseline'])
     except (KeyError, TypeError, ValueError):
         raise ValueError(f'{options.camera}: has no baseline, which --right needs') from None
     pair = [cv2.cvtColor(one, cv2.COLOR_BGR2GRAY) for one in (image, right)]
@@ -299,7 +298,7 @@ def views_of(options: argparse.Namespace, image: ByteArray | None) -> Views | No
 def load_camera(path: Path) -> PinholeCamera:
     """A camera file with K, width and height. Raises ValueError, naming file and field."""
     try:
-        record = json.loads(read_text(path))
+        record = read_json(path)
         matrix = np.asarray(record['K'], dtype=float).reshape(3, 3)
         return PinholeCamera(record['width'], record['height'], matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
     except KeyError as error:

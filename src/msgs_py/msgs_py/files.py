@@ -7,11 +7,13 @@ before any of it is unpacked, and what is too large is refused by name.
 from __future__ import annotations
 
 import io
+import json
 import stat
 import struct
+import sys
 import zipfile
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 
@@ -71,6 +73,30 @@ def check_file(path: str | Path, most: int = LARGEST_FILE) -> Path:
 def read_text(path: str | Path, errors: str = 'strict') -> str:
     """The text of a file, UTF-8, no larger than texts are; raises as :func:`check_file`."""
     return check_file(path, LARGEST_TEXT).read_text(encoding='utf-8', errors=errors)
+
+
+def read_json(path: str | Path) -> Any:
+    """What a JSON file says.
+
+    Raises
+    ------
+    OSError
+        There is no such file.
+    ValueError
+        It is too large, no JSON, nested too deeply, or has an integer beyond all floating point numbers.
+    """
+    try:
+        return json.loads(read_text(path), parse_int=_integer)
+    except RecursionError:
+        raise ValueError('brackets within brackets, too many to be read') from None
+
+
+def _integer(digits: str) -> int:
+    """An integer of JSON."""
+    value = int(digits)
+    if abs(value) > sys.float_info.max:
+        raise ValueError(f'an integer of {len(digits)} characters, beyond all floating point numbers')
+    return value
 
 
 def load_arrays(path: str | Path) -> dict[str, AnyArray]:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from msgs_py import FeatureSet, files
-from msgs_py.files import check_file, check_image, load_array, load_arrays, read_text
+from msgs_py.files import check_file, check_image, load_array, load_arrays, read_json, read_text
 
 HUGE = (10**7, 10**7)
 
@@ -160,3 +160,16 @@ def test_a_sparse_file_of_a_terabyte_is_refused_at_once(tmp_path):
     for read in (FeatureSet.load, check_image, read_text):
         with pytest.raises(ValueError, match=f'{2**40} bytes'):
             read(path)
+
+
+@pytest.mark.parametrize(
+    ('text', 'says'),
+    [('[' * 100_000, 'brackets'), (f'[1, -{10**400}]', 'an integer of 402 characters'), ('{"a": ', 'line 1')],
+)
+def test_json_that_cannot_be_used_is_a_value_error(tmp_path, text, says):
+    path = tmp_path / 'record.json'
+    path.write_text(text)
+    with pytest.raises(ValueError, match=says):
+        read_json(path)
+    path.write_text('{"a": [1, -2.5, 100000000000000000000]}')
+    assert read_json(path) == {'a': [1, -2.5, 10**20]}

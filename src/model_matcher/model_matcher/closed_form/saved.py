@@ -9,7 +9,7 @@ from typing import Any
 
 import cv2
 
-from msgs_py.files import read_text
+from msgs_py.files import read_json
 
 from .camera_options import camera_config
 from .case import Case, Limits, is_plain_name
@@ -39,13 +39,11 @@ def load_case(folder: str | Path) -> tuple[Case, Limits]:
     """A saved case. Raises ValueError, naming the file and what is wrong with it; OSError when there is none."""
     path = Path(folder) / CASE_FILE
     try:
-        text = read_text(path)
+        record = read_json(path)
+        values, limits = dict(record['case']), dict(record['limits'])
     except FileNotFoundError:
         raise FileNotFoundError(f'{path}: no such file; a saved case is a folder of failing/ of a sweep') from None
-    try:
-        record = json.loads(text)
-        values, limits = dict(record['case']), dict(record['limits'])
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f'{path}: not a saved case: {error}') from None
     for name, given, known in (('case', values, Case), ('limits', limits, Limits)):
         unknown = set(given) - {field.name for field in fields(known)}
@@ -66,7 +64,7 @@ def load_case(folder: str | Path) -> tuple[Case, Limits]:
         if not below or not (is_plain_name(case.scene) or beside.exists()):
             raise ValueError(f'scene: expected a file below the folder, or the name of a model, got {case.scene!r}')
         return replace(case, scene=str(beside)) if beside.exists() else case, Limits(**limits)
-    except (TypeError, ValueError, OverflowError) as error:
+    except (TypeError, ValueError) as error:
         raise ValueError(f'{path}: {error}') from None
 
 

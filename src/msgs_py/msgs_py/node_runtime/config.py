@@ -6,7 +6,6 @@ exists is usable; a changed parameter builds a new candidate and swaps it in who
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
@@ -96,17 +95,13 @@ class ParameterSpec:
 
     def _check_one(self, value: Any, kind: type) -> Any:
         accepted = isinstance(value, kind) and (kind is bool or not isinstance(value, bool))
-        if kind in (int, float) and isinstance(value, int) and abs(value) > sys.float_info.max:
-            raise ValueError(
-                f'parameter {self.name}: expected a finite number, got an integer of {value.bit_length()} bits'
-            )
-        if kind is float and isinstance(value, int) and not isinstance(value, bool):
-            value, accepted = float(value), True  # "sigma:=2" is what people type
-        if not accepted:
+        whole = kind is float and isinstance(value, int) and not isinstance(value, bool)
+        if not (accepted or whole):  # "sigma:=2" is what people type
             raise ValueError(f'parameter {self.name}: expected {_TYPE_NAMES[kind]}, got {value!r}')
         if kind in (int, float):
-            if not math.isfinite(value):
-                raise ValueError(f'parameter {self.name}: expected a finite number, got {value}')
+            if not abs(value) <= sys.float_info.max:
+                raise ValueError(f'parameter {self.name}: expected a finite number, got {value!s:.40}')
+            value = float(value) if whole else value
             too_small = self.minimum is not None and value < self.minimum
             if too_small or (self.maximum is not None and value > self.maximum):
                 unit = f' {self.unit}' if self.unit else ''

@@ -84,7 +84,7 @@ def load_cameras(path: str | Path, size: tuple[int, int]) -> tuple[CameraFile, C
     path = Path(path)
     text = read_text(path, errors='replace')
     if is_opencv(text):
-        left, right = opencv_cameras(path, size)[:2]
+        left, right = opencv_cameras(path, text, size)[:2]
         return left, right
     documents = documents_of(path, text)
     if len(documents) == 1 and {'K', 'baseline'} <= set(documents[0]):
@@ -163,13 +163,14 @@ def is_opencv(text: str) -> bool:
     return text.lstrip().startswith('%YAML:') or '!!opencv-matrix' in text
 
 
-def opencv_cameras(path: Path, size: tuple[int, int]) -> list[CameraFile]:
+def opencv_cameras(path: Path, text: str, size: tuple[int, int]) -> list[CameraFile]:
     """The cameras of OpenCV's YAML, at least two: K1, P1, K2, P2, ...
 
     Parameters
     ----------
     path : Path
-        The file.
+        Of the file, for messages.
+    text : str
     size : (width, height)
         Pixels. Of the images.
 
@@ -178,7 +179,7 @@ def opencv_cameras(path: Path, size: tuple[int, int]) -> list[CameraFile]:
     ValueError
         When it is not readable, or a projection matrix is missing; the message names the file.
     """
-    matrices = _opencv_matrices(path)
+    matrices = _opencv_matrices(path, text)
     cameras = []
     for number, found in enumerate(matrices, 1):
         if 'p' not in found:
@@ -203,9 +204,9 @@ _OpencvYaml.add_multi_constructor(
 )
 
 
-def _opencv_matrices(path: Path) -> list[dict[str, list[float]]]:
+def _opencv_matrices(path: Path, text: str) -> list[dict[str, list[float]]]:
     """What the file has for each camera, by the field names of CameraFile; a third and further ones if it has P."""
-    text = read_text(path, errors='replace').lstrip()
+    text = text.lstrip()
     if text.startswith('%YAML:'):  # no directive of YAML
         text = text.partition('\n')[2]
     try:
@@ -218,10 +219,10 @@ def _opencv_matrices(path: Path) -> list[dict[str, list[float]]]:
         number = len(cameras) + 1
         matrices: dict[str, list[float]] = {}
         for name, spellings in OPENCV_NAMES.items():
-            found = [spelling.format(number) for spelling in spellings]
-            found = [key for key in found if isinstance(nodes.get(key), dict)]
-            if found:
-                matrices[name] = _numbers_of(path, found[0], nodes[found[0]])
+            keys = (spelling.format(number) for spelling in spellings)
+            key = next((key for key in keys if isinstance(nodes.get(key), dict)), None)
+            if key is not None:
+                matrices[name] = _numbers_of(path, key, nodes[key])
         if number > 2 and 'p' not in matrices:
             break
         cameras.append(matrices)

@@ -57,7 +57,7 @@ def load_camera_rig(path: str | Path, size: tuple[int, int]) -> CameraRig:
     text = read_text(path, errors='replace')
     try:
         if is_opencv(text):
-            return CameraRig.from_camera_info(opencv_cameras(path, size))
+            return CameraRig.from_camera_info(opencv_cameras(path, text, size))
         documents = documents_of(path, text)
         first = documents[0]
         if isinstance(first.get('cameras'), list):

@@ -9,7 +9,6 @@ docs/bop_datasets_format.md of thodan/bop_toolkit.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +20,7 @@ import numpy as np
 from csg_renderer.features.library import MODEL_SUFFIXES
 from csg_renderer.mesh.units import METRES
 from msgs_py import CameraRig, PinholeCamera, Pose
-from msgs_py.files import check_image, read_text
+from msgs_py.files import check_image, read_json
 from msgs_py.numeric.typed import ByteArray, FloatArray
 
 MM = METRES['mm']
@@ -185,7 +184,7 @@ def read_targets(path: Path) -> dict[int, dict[int, list[int]]]:
         Names the file and the entry.
     """
     try:
-        records = json.loads(read_text(path))
+        records = read_json(path)
     except ValueError as error:
         raise ValueError(f'{path}: not JSON: {error}') from None
     found: dict[int, dict[int, list[int]]] = {}
@@ -304,7 +303,7 @@ def _pose(record: dict[str, Any], what: str) -> Pose:
 def _entries(path: Path) -> list[tuple[int, Any]]:
     """What a JSON file has under numbers. Raises OSError or ValueError."""
     try:
-        return [(int(key), record) for key, record in json.loads(read_text(path)).items()]
+        return [(int(key), record) for key, record in read_json(path).items()]
     except (AttributeError, ValueError) as error:
         raise ValueError(f'{path}: expected a JSON object with numbers as keys: {error}') from None
 

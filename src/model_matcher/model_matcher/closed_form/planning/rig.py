@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 
 from csg_renderer.raycast.sensor import SensorModel
 from msgs_py import CameraRig, PinholeCamera, Pose, StereoRig
-from msgs_py.files import read_text
+from msgs_py.files import read_json
 from msgs_py.numeric.typed import FloatArray
 
 from ...geometry.settings import UNIFORM_VARIANCE
@@ -80,7 +79,7 @@ def read_sensor(path: Path) -> Sensor:
         It does not say both; the message begins with its name.
     """
     try:
-        record = json.loads(read_text(path))
+        record = read_json(path)
     except ValueError as error:
         raise ValueError(f'{path}: expected a JSON file with noise and psf: {error}') from None
     if not isinstance(record, Mapping):
