@@ -148,7 +148,7 @@ def _seen(folder: Path, family: str) -> Iterator[Seen]:
             offs = [off_by(part, one.pose, answer.pose) for answer in answers]
             near = min((off for off in offs if off.within(*WRONG)), key=lambda off: off.position, default=None)
             error = measure_pose(one.part.index.shape, one.pose, views).error
-            psf = float(np.sqrt(max(float(views.blur.mean()) ** 2 - UNIFORM_VARIANCE, 0.0)))
+            psf = float(np.sqrt(max(float(views.look[:, 0].mean()) ** 2 - UNIFORM_VARIANCE, 0.0)))
             yield Seen(
                 pair.name,
                 part,
@@ -157,7 +157,7 @@ def _seen(folder: Path, family: str) -> Iterator[Seen]:
                 Sensor(float(views.noise.mean()), psf),
                 float(np.sqrt(np.mean(np.square(error)))),
                 rows,
-                float(views.walk[:, 0].mean()),
+                float(views.look[:, 1].mean()),
                 None if near is None else [near.position, near.rotation],
             )
 

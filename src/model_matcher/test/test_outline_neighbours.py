@@ -7,12 +7,13 @@ import math
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import map_coordinates
 from scipy.special import ndtr
 
 from model_matcher.image_pose.alignment import Placed
 from model_matcher.image_pose.neighbours import may_hide, neighbours, own_step
 from model_matcher.image_pose.presence import crowded, overlap
-from model_matcher.image_pose.profiles import _normal_integral, _step_rows, _straight_profile, profile
+from model_matcher.image_pose.profiles import _normal_integral, _step_rows, _straight_profile, pixel_profile
 from model_matcher.image_pose.settings import FLANK, SPACING
 
 
@@ -92,12 +93,71 @@ def test_a_profile_in_whole_numbers_is_that_of_real_ones(seed, spacing):
     rng = np.random.default_rng(seed)
     image = rng.integers(0, 256, (50, 60), dtype=np.uint8)
     angle = rng.uniform(0.0, 2.0 * math.pi)
-    at = (*rng.uniform(0.0, 50.0, 2).tolist(), math.cos(angle), math.sin(angle))
-    exact, quick = np.zeros(15), np.zeros(15)
-    inside = profile(image, np.arange(256.0), at, spacing, 0.0, 7, exact, np.empty((3, 15)))
-    assert _straight_profile(image, at, spacing, 7, quick) == inside
-    # A weight's last digit is 1 / 65536, and a step of this picture up to 255.
-    np.testing.assert_allclose(quick, exact, atol=0.02)
+    at, normal = rng.uniform(0.0, 50.0, 2), np.array([math.cos(angle), math.sin(angle)])
+    quick = np.zeros(15)
+    inside = _straight_profile(image, (*at.tolist(), *normal.tolist()), spacing, 7, quick)
+    count = max(1, round(spacing))
+    along = spacing * ((np.arange(count) + 0.5) / count - 0.5)
+    places = at + np.arange(-7.0, 8.0)[:, None, None] * normal + along[:, None] * [normal[1], -normal[0]]
+    ends = (
+        at
+        + np.array([-8.0, 8.0])[:, None, None] * normal
+        + [[-0.5 * spacing], [0.5 * spacing]] * np.array([normal[1], -normal[0]])
+    )
+    assert inside == bool(((ends >= 0.0) & (ends < [59.0, 49.0])).all())
+    if inside:
+        exact = map_coordinates(image.astype(float), places[..., ::-1].reshape(-1, 2).T, order=1).reshape(15, count)
+        # A weight's last digit is 1 / 65536, and a step of this picture up to 255.
+        np.testing.assert_allclose(quick, exact.mean(axis=1), atol=0.02)
+
+
+@settings(deadline=None)
+@given(
+    st.sampled_from([(3, 2), (2, 3), (-3, 1), (0, 2), (-1, -1), (1, -3), (4, 0)]),
+    st.floats(-0.5, 0.5),
+    st.floats(-0.5, 0.5),
+    st.floats(0.5, 9.0),
+)
+def test_levels_of_pixels_are_those_of_the_distances_they_are_said_to_have(slope, u, v, spacing):
+    """Of a picture that rises evenly."""
+    y, x = np.mgrid[0:41, 0:41]
+    image = (slope[0] * (x - 20) + slope[1] * (y - 20) + 128).astype(np.uint8)
+    steep = math.hypot(*slope)
+    out = np.empty((4, 9))
+    at = (20.0 + u, 20.0 + v, slope[0] / steep, slope[1] / steep)
+    assert pixel_profile(image, np.arange(256.0), at, spacing, 0.0, 4, out) >= 1
+    np.testing.assert_allclose(out[0], 128.0 + slope[0] * u + slope[1] * v + steep * out[1], atol=1e-9)
+    assert (np.diff(out[1]) > 0.7).all() and abs(out[1, 4]) <= 0.75
+    assert (out[2] <= 0.25 + 1e-9).all() and np.ptp(out[2]) < 1e-9 and np.ptp(out[3]) < 1e-9
+
+
+@settings(deadline=None)
+@given(st.floats(0.0, 2.0 * math.pi), st.floats(1.0, 7.0), st.integers(0, 10**6))
+def test_stretches_that_follow_one_another_share_no_pixel(angle, spacing, seed):
+    pixel, normal = np.array([40.3, 40.7]), np.array([math.cos(angle), math.sin(angle)])
+    image = np.random.default_rng(seed).integers(0, 256, (81, 81)).astype(np.uint8)
+    out, total, count = np.empty((4, 1)), 0.0, 0
+    for k in range(4):
+        at = pixel + (k - 1.5) * spacing * np.array([normal[1], -normal[0]])
+        n = pixel_profile(image, np.arange(256.0), (*at.tolist(), *normal.tolist()), spacing, 0.0, 0, out)
+        total, count = total + n * out[0, 0], count + n
+    # As many as columns, or rows, that all of them cross; a stretch between two takes one of them.
+    crossed = 4.0 * spacing * max(abs(normal))
+    assert abs(count - crossed) <= 1.0 or spacing * max(abs(normal)) < 1.0
+
+
+def test_of_a_curve_pixels_are_as_far_as_they_are():
+    """Of a circle of 30 pixels, whose middle lies ahead."""
+    y, x = np.mgrid[0:41, 0:41]
+    for angle in np.linspace(0.0, 2.0 * math.pi, 17):
+        normal = np.array([math.cos(angle), math.sin(angle)])
+        middle = np.array([20.2, 19.7]) + 30.0 * normal
+        inside = 30.0 - np.hypot(x - middle[0], y - middle[1])
+        image = np.clip(np.rint(128.0 + 10.0 * inside), 0, 255).astype(np.uint8)
+        levels = (np.arange(256.0) - 128.0) / 10.0
+        out = np.empty((4, 7))
+        assert pixel_profile(image, levels, (20.2, 19.7, *normal.tolist()), 4.0, 1.0 / 30.0, 3, out)
+        np.testing.assert_allclose(out[1], out[0], atol=0.1)
 
 
 def test_the_normal_integral_has_seven_digits():
@@ -111,7 +171,7 @@ def test_the_normal_integral_has_seven_digits():
 def test_derivatives_of_a_step_are_those_of_its_integral(at, blur, contrast):
     by_place, by_contrast = np.empty(9), np.empty(9)
     narrow = 1.0 / np.hypot(blur, np.linspace(0.0, 0.5, 9))
-    _step_rows(at, contrast, np.array([narrow, np.zeros(9)]), by_place, by_contrast)
+    _step_rows(at, contrast, np.array([np.arange(9.0), narrow, np.zeros(9)]), by_place, by_contrast)
     t = (np.arange(9.0) - at) * narrow
     density = np.exp(-0.5 * t * t) / math.sqrt(2.0 * math.pi) * narrow
     np.testing.assert_allclose(by_place, -contrast * density, rtol=1e-10, atol=1e-200)
@@ -120,14 +180,14 @@ def test_derivatives_of_a_step_are_those_of_its_integral(at, blur, contrast):
 
 @settings(deadline=None)
 @given(st.floats(0.0, 8.0), st.floats(0.5, 3.0), st.floats(0.0, 1.0), st.floats(1.0, 200.0))
-def test_the_shape_of_a_step_that_is_looked_up_between_two_pixels(at, blur, share, contrast):
+def test_the_shape_of_a_step_in_pixels_at_two_distances(at, blur, share, contrast):
     """Against the mean of both, to terms of the next order; and its derivative is that of the shape."""
     sigma = math.sqrt(blur**2 + share * (1.0 - share))
     sixth = share * (1.0 - share) * (2.0 * share - 1.0) / sigma**3 / 6.0
-    blurs = np.tile([[1.0 / sigma], [sixth]], 9)
+    levels = np.stack([np.arange(9.0), np.full(9, 1.0 / sigma), np.full(9, sixth)])
     rows = np.empty((3, 2, 9))
     for row, shift in zip(rows, (0.0, -1e-4, 1e-4)):
-        _step_rows(at + shift, contrast, blurs, row[0], row[1])
+        _step_rows(at + shift, contrast, levels, row[0], row[1])
     t = np.arange(9.0) - at
     exact = (1.0 - share) * ndtr((t - share) / blur) + share * ndtr((t + 1.0 - share) / blur)
     spread = share * (1.0 - share) / sigma**2

@@ -355,10 +355,12 @@ def test_corners_of_the_surface_tell_a_motion():
 def test_a_motion_that_was_seen_carries_the_pose_and_its_doubt():
     state = at_rest(turned([10, 0, 0]), np.zeros(3), 1e-6 * np.eye(6), 0.1, 0.1)
     there = turned([13, 0, 0], (0.01, 0.0, DISTANCE))
-    after = carried(state, there, 1e-8 * np.eye(6), 0.1, np.eye(6))
+    after = carried(state, there, 1e-8 * np.eye(6), 0.1, 4.0 * np.eye(6))
     np.testing.assert_allclose(after.twist, [0.1, 0.0, 0.0, np.radians(30.0), 0.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(after.covariance[:6, :6], 1.01e-6 * np.eye(6))
     np.testing.assert_allclose(after.covariance[6:, 6:], (1.0 + 1e-6) * np.eye(6))
+    # Over the whole way it is off by as much as its mean velocity says.
+    np.testing.assert_allclose(after.covariance[:6, 6:], 1e-7 * np.eye(6))
 
 
 def test_only_near_steps_are_kept():

@@ -9,44 +9,37 @@ whether the outline is there.
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from dataclasses import dataclass, field
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import polygamma
 
 from msgs_py import Pose
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.settings import BOUND_SIGMA
-from msgs_py.numeric.typed import ByteArray, FloatArray, Int8Array, Int32Array
+from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
 from ..geometry.least_squares import covariances
 from ..geometry.pose_rows import as_motion, as_pose
 from ..geometry.settings import NOT_ZERO
 from .alignment import Steps, align
+from .image_quality import look_of
 from .model_error import FIRST_ERROR, NO_ERROR, ModelError, settled
 from .neighbours import may_hide, neighbours
 from .presence import shown_outline
 from .profiles import Quality, Stretches, find_steps, fit_steps
 from .settings import (
-    BLURS,
     CANDIDATES,
     DECISIVE,
     DRAWN_IN,
     FEWEST_POINTS,
-    FIRST_WALK,
     FLANK,
     OTHERS_EDGES,
-    QUALITY_POINTS,
     REACH,
     SEEN_STEP,
     SPACING,
-    STRONG,
     TO_ERROR,
     TONES,
-    WALKS,
 )
 from .sight import Shape, Sight, drawn, look, outline_of
 from .views import Views
@@ -167,7 +160,7 @@ def drawn_in(shape: Shape, motion: FloatArray, views: Views, search_px: float = 
 def _draw_in(shape: Shape, motion: FloatArray, views: Views, sight: Sight) -> None:
     """Lay a pose (12,), in place, on the steps within REACH of its outline."""
     steps = searched(sight, views, REACH)
-    laid(shape, motion, views, sight, steps, np.array(DRAWN_IN), NO_ERROR, elsewhere(steps, REACH))
+    laid(shape, motion, views, sight, steps, np.array(DRAWN_IN), elsewhere(steps, REACH))
 
 
 class _Laid(NamedTuple):
@@ -196,16 +189,16 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
     else:
         found = []
         for tone in TONES:
-            views.tone[0], views.blur[:] = tone, 0.0
+            views.tone[0], views.look[:] = tone, 0.0
             laid_on = _laid_on_fitted(shape, motion, views, sight, density)
-            found.append((laid_on, views.blur.copy(), views.walk.copy()))
+            found.append((laid_on, views.look.copy()))
         curves = len(np.unique(sight.placed.group))
         of_lines = [np.hypot(one.error.curve, one.error.view) + NOT_ZERO for one, *_ in found]
         # The pose has taken six of the errors of the curves.
         gain = max(2 * curves - 6, 0) * np.log(of_lines[0] / of_lines[1])
         best = int(gain > DECISIVE)
         views.tone[0] = TONES[best]
-        laid_on, views.blur[:], views.walk[:] = found[best]
+        laid_on, views.look[:] = found[best]
     pose = as_pose(laid_on.motion)
     arm = (pose.translation - pose.apply(shape.centre))[None]
     covariance = covariances(laid_on.normal[None], np.ones(1), arm, shape.size)[0]
@@ -314,9 +307,11 @@ def fitted(sight: Sight, views: Views) -> Steps:
             sight.limb[rows],
             flank[rows],
         )
-        if views.blur[eye] <= 0.0:
-            views.blur[eye], *views.walk[eye] = _blur_and_walk(image, outline, beside[rows], tone, views.noise[eye])
-        quality = Quality(tone, float(views.blur[eye]), float(views.noise[eye]), *map(float, views.walk[eye]))
+        noise = float(views.noise[eye])
+        if not views.look[eye].any():
+            views.look[eye] = look_of(image, outline, beside[rows], tone, noise)
+        blur, walk, own = views.look[eye].tolist()
+        quality = Quality(tone, blur, noise, walk, own)
         fit_steps(image, outline, beside[rows], quality, out[rows])
     known = np.isfinite(out[:, 0])
     return Steps(np.where(known, out[:, 0], 0.0)[:, None], known.astype(np.int32), np.where(known, out[:, 1], 1.0))
@@ -331,65 +326,6 @@ def own_steps(steps: Steps, sight: Sight, motion: FloatArray, views: Views) -> S
     return steps._replace(number=np.where(hides, np.minimum(steps.number, 0), steps.number))
 
 
-def _blur_and_walk(
-    image: ByteArray, outline: Stretches, beside: FloatArray, tone: float, noise: float
-) -> tuple[float, float, float]:
-    """Blur, walk and own share of an image (see :class:`.profiles.Quality`) by steps that stand alone.
-
-    The blur is that with which strong steps are explained best. The walk is that which leaves as much of them as noise
-    and walk would. Where what is left differs more from step to step than it would by chance, the rest is their own
-    (Smyth 2004, linear models and empirical Bayes methods: the prior of variances by their logarithms' dispersion).
-    """
-    alone = np.flatnonzero((outline.flank == FLANK) & np.isnan(beside).all(axis=1))
-    some = alone[:: max(1, -(-len(alone) // QUALITY_POINTS))]
-    part = Stretches(
-        outline.pixel[some],
-        outline.normal[some],
-        outline.spacing[some],
-        outline.bend[some],
-        outline.limb[some],
-        outline.flank[some],
-    )
-    nothing, out = beside[some], np.empty((len(some), 4))
-    white = noise / np.sqrt(np.maximum(part.spacing, 1.0))
-
-    @cache
-    def cost(k: int) -> float:
-        fit_steps(image, part, nothing, Quality(tone, BLURS[k], noise, FIRST_WALK, 0.0), out)
-        good = np.abs(out[:, 2]) > STRONG * noise
-        return float(np.median(out[good, 3] * (white / out[:, 2])[good] ** 2)) if good.any() else np.inf
-
-    # From the middle downhill: what a wrong blur leaves grows to either side.
-    best = len(BLURS) // 2
-    while True:
-        near = min((k for k in (best, best - 1, best + 1) if 0 <= k < len(BLURS)), key=cost)
-        if near == best:
-            break
-        best = near
-    if not np.isfinite(cost(best)):
-        return BLURS[1], FIRST_WALK, 0.0
-    blur = BLURS[best]
-    if 0 < best < len(BLURS) - 1 and np.isfinite(cost(best - 1) + cost(best + 1)):
-        # Between those that were tried: where a parabola through the three has its bottom.
-        before, here, after = (cost(k) for k in (best - 1, best, best + 1))
-        towards = 0.5 * (before - after) / max(before - 2.0 * here + after, NOT_ZERO)
-        blur *= float(BLURS[best + 1] / blur if towards > 0.0 else blur / BLURS[best - 1]) ** towards
-
-    def left(walk: float) -> float:
-        fit_steps(image, part, nothing, Quality(tone, blur, noise, walk, 0.0), out)
-        return -float(np.nanmean(out[:, 3]))
-
-    # The more they may wander, the less is left: as much as was expected where the walk is right.
-    walk = WALKS[min(bisect_left(WALKS, -1.0, key=left), len(WALKS) - 1)]
-    left(walk)
-    # What is left is of differences of neighbours, less the place and the height of a step; the logarithm of its mean
-    # square varies by chance as trigamma says.
-    differences = 2 * FLANK - 2
-    dispersion = float(np.nanvar(np.log(out[:, 3])) - polygamma(1, 0.5 * differences))
-    believed = (1.0 + np.sqrt(1.0 + 2.0 * dispersion)) / dispersion if dispersion > 0.0 else np.inf
-    return blur, walk, differences / (differences + believed)
-
-
 def laid(
     shape: Shape,
     motion: FloatArray,
@@ -397,22 +333,20 @@ def laid(
     sight: Sight,
     steps: Steps,
     widths: FloatArray,
-    error: ModelError,
     density: float,
     prior: FloatArray = NO_PRIOR,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Lay a pose (12,) on steps, in place: residuals, weights (n,) and the normal matrix (6, 6); see :func:`.align`."""
     residual, weight, normal = np.empty(len(sight)), np.empty(len(sight)), np.zeros((6, 6))
-    own = Steps(steps.offset, steps.number, steps.variance + error.point**2)
     align(
         motion,
         shape.centre,
         views.rows,
         sight.placed,
-        own,
+        steps,
         widths,
         density,
-        (error.curve, error.view),
+        (0.0, 0.0),
         prior,
         residual,
         weight,

@@ -19,7 +19,7 @@ from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..geometry.settings import NOT_ZERO, ROUNDING
 from .alignment import Placed, Steps, add_to_line, align, inverse_of_line
-from .settings import FEWEST_POINTS, FIRST_ERROR_PX, LONGEST_JUMP, SETTLED, SIGMA_TURNS, TO_POSE
+from .settings import FEWEST_POINTS, FIRST_ERROR_PX, LONGEST_JUMP, POINT_TURNS, SETTLED, SIGMA_TURNS, TO_POSE
 
 
 class ModelError(NamedTuple):
@@ -32,7 +32,7 @@ class ModelError(NamedTuple):
     view : float
         Of those that it has in one view besides.
     point : float
-        Of a point on its curve.
+        Of a point on its curve, beyond what its step is stated to be off.
     """
 
     curve: float
@@ -84,6 +84,12 @@ def settled(
         if (weight > 0.0).sum() < FEWEST_POINTS:
             break
         error = fitted_model_error(placed, residual, weight, steps.variance, normal, error)
+        change, size = 0.0, 0.0
+        for one, other in zip(error, (curve, view, point)):
+            change += abs(one - other)
+            size += other
+        if change < SETTLED * size:
+            break
     return residual, weight, normal, error
 
 
@@ -186,10 +192,29 @@ def _sigmas(
     for k in range(len(curve)):
         if weight[k] > 0.0:
             off = lines.shared[curve[k]] + lines.own[group[k]]
-            inner[n], noise[n] = abs(residual[k] - off[0] - off[1] * placed.abscissa[k]), variance[k]
+            inner[n], noise[n] = residual[k] - off[0] - off[1] * placed.abscissa[k], variance[k]
             n += 1
-    point = (np.median(inner[:n]) / NORMAL_QUARTILE) ** 2 - np.median(noise[:n])
-    return common, view, math.sqrt(max(point, 0.0))
+    return common, view, _beyond(inner[:n], noise[:n])
+
+
+@njit(nogil=True)
+def _beyond(residual: FloatArray, noise: FloatArray) -> float:
+    """The sigma that residuals (n,) have beyond variances (n,) of their own.
+
+    With it the median square of residuals over their sigmas is as it should be. (Medians of either would not tell:
+    sigmas of strong steps and of faint ones differ by much.)
+    """
+    squares = residual * residual
+    if np.median(squares / noise) <= NORMAL_QUARTILE**2:
+        return 0.0
+    low, high = 0.0, np.median(squares) / NORMAL_QUARTILE**2
+    for _ in range(POINT_TURNS):
+        middle = 0.5 * (low + high)
+        if np.median(squares / (noise + middle)) > NORMAL_QUARTILE**2:
+            low = middle
+        else:
+            high = middle
+    return math.sqrt(high)
 
 
 @njit(nogil=True)

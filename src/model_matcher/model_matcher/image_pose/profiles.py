@@ -9,9 +9,10 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.settings import BOUND_SIGMA
-from msgs_py.numeric.typed import ByteArray, FloatArray, Int32Array
+from msgs_py.numeric.typed import ByteArray, FloatArray, Int32Array, IntArray
 
 from ..geometry.least_squares import cholesky
+from ..geometry.settings import UNIFORM_VARIANCE
 from .settings import CONTRAST, FARTHEST_STEP, FIT_TURNS, FLANK, LAST_FIT_STEP, LONGEST_FIT_STEP, ON_EDGE, TAPS
 
 ONE = np.uint64(1)
@@ -43,6 +44,11 @@ class Stretches(NamedTuple):
     limb: FloatArray
     flank: Int32Array
 
+    def some(self, rows: IntArray) -> Stretches:
+        """Some of them."""
+        pixel, normal, spacing, bend, limb, flank = self
+        return Stretches(pixel[rows], normal[rows], spacing[rows], bend[rows], limb[rows], flank[rows])
+
 
 class Quality(NamedTuple):
     """What an image is like.
@@ -52,7 +58,7 @@ class Quality(NamedTuple):
     tone : float
         Exponent that makes light of grey levels: what is blurred is light, not its code.
     blur : float
-        Pixels, sigma, of the image on its pixels; looking it up between them adds to it.
+        Pixels, sigma, of the image on its pixels.
     noise : float
         Grey levels, sigma, of a pixel.
     walk : float
@@ -71,7 +77,7 @@ class Quality(NamedTuple):
 
 
 @njit(nogil=True)
-def profile(
+def pixel_profile(
     image: ByteArray,
     levels: FloatArray,
     at: tuple[float, ...],
@@ -79,12 +85,13 @@ def profile(
     bend: float,
     reach: int,
     out: FloatArray,
-    looked_up: FloatArray,
-) -> bool:
-    """Grey levels at whole pixels along a normal, each the mean of a stretch along the tangent.
+) -> int:
+    """Mean levels of pixels at about one distance from a curve, and what distances these are.
 
-    An image is looked up bilinearly between its pixels. That blurs it along the normal, by nothing on a pixel and by
-    half a pixel between two, and more to one side than to the other beside them.
+    Pixels are taken as they are: a level looked up between them is that of a wider blur, of a shape of its own, and
+    along an edge in the direction of rows all are looked up at the same place. Each column that a stretch crosses (or
+    row, where it is steep) gives the pixels about the curve, the first of all columns with the second of all and so on.
+    How much their distances differ in a mean blurs it.
 
     Parameters
     ----------
@@ -92,50 +99,65 @@ def profile(
     levels : (256,) float64
         What each value of a pixel stands for.
     at : tuple of 4 float
-        The middle and the unit normal, pixels.
+        A point of the curve and the unit normal there, pixels.
     spacing : float
         Pixels, length of the stretch.
     bend : float
         Its curvature towards the normal, one over pixels.
     reach : int
-        Pixels to either side.
-    out : (2 reach + 1,) float64
-        Filled.
-    looked_up : (3, 2 reach + 1) float64
-        Filled with the variance and the third central moment of that blur, pixels squared and cubed, and with its
-        variance along the tangent.
+        Pixels of a column to either side of the curve.
+    out : (4, 2 reach + 1) float64
+        Filled, by the distance along the normal: levels, distances (pixels), and the variance and the third central
+        moment of the distances (pixels squared and cubed).
 
     Returns
     -------
-    bool
-        Whether all of it lies in the image.
+    int
+        How many pixels each level is the mean of; 0 where not all lie in the image.
     """
-    if not _fits(image, at, spacing, reach):
-        return False
-    u, v, nx, ny = at
-    count = max(1, int(round(spacing)))
+    upright = abs(at[2]) > abs(at[3])
+    # Along the columns that are crossed, and across; of an edge that is steep in the image, rows are crossed.
+    p0, q0, normal_p, normal_q = (at[1], at[0], at[3], at[2]) if upright else (at[0], at[1], at[2], at[3])
+    wide, high = (image.shape[0], image.shape[1]) if upright else (image.shape[1], image.shape[0])
+    half = 0.5 * spacing * abs(normal_q)
+    first, end = math.ceil(p0 - half), math.ceil(p0 + half)
+    if end <= first:
+        first = round(p0)
+        end = first + 1
+    if first < 0 or end > wide:
+        return 0
+    out[:] = 0.0
+    count, way = end - first, 1 if normal_q > 0.0 else -1
+    # The shift from column to column is counted from the middle: where it is small, all take the same rows.
+    middle = _height(0.5 * (first + end - 1) - p0, normal_p, normal_q, bend)
+    centre = round(q0 + middle)
+    for p in range(first, end):
+        dp = p - p0
+        q = centre + round(_height(dp, normal_p, normal_q, bend) - middle)
+        if q - reach < 0 or q + reach >= high:
+            return 0
+        for k in range(2 * reach + 1):
+            row = q + way * (k - reach)
+            dq = row - q0
+            along = dp * normal_q - dq * normal_p
+            across = dp * normal_p + dq * normal_q - 0.5 * bend * along * along
+            out[0, k] += levels[image[p, row] if upright else image[row, p]]
+            out[1, k] += across
+            out[2, k] += across * across
+            out[3, k] += across * across * across
     for k in range(2 * reach + 1):
-        total = variance_x = variance_y = third_x = third_y = 0.0
-        for j in range(count):
-            along = spacing * ((j + 0.5) / count - 0.5)
-            across = k - reach + 0.5 * bend * along * along
-            x, y = u + across * nx + along * ny, v + across * ny - along * nx
-            # Unsigned, so that no negative index has to be thought of.
-            i0, j0 = np.uint64(x), np.uint64(y)
-            i1, j1 = i0 + ONE, j0 + ONE
-            a, b = x - np.int64(i0), y - np.int64(j0)
-            top = (1.0 - a) * levels[image[j0, i0]] + a * levels[image[j0, i1]]
-            low = (1.0 - a) * levels[image[j1, i0]] + a * levels[image[j1, i1]]
-            total += (1.0 - b) * top + b * low
-            variance_x += a * (1.0 - a)
-            variance_y += b * (1.0 - b)
-            third_x += a * (1.0 - a) * (2.0 * a - 1.0)
-            third_y += b * (1.0 - b) * (2.0 * b - 1.0)
-        out[k] = total / count
-        looked_up[0, k] = (nx**2 * variance_x + ny**2 * variance_y) / count
-        looked_up[1, k] = (nx**3 * third_x + ny**3 * third_y) / count
-        looked_up[2, k] = (ny**2 * variance_x + nx**2 * variance_y) / count
-    return True
+        for i in range(4):
+            out[i, k] /= count
+        mean, square = out[1, k], out[2, k]
+        out[2, k] = max(square - mean * mean, 0.0)
+        out[3, k] += mean * (2.0 * mean * mean - 3.0 * square)
+    return count
+
+
+@njit(nogil=True)
+def _height(across: float, normal_p: float, normal_q: float, bend: float) -> float:
+    """How far above its point a curve is so many columns on, to second order, pixels."""
+    return (0.5 * bend * (across / normal_q) ** 2 - across * normal_p) / normal_q
 
 
 @njit(nogil=True)
@@ -154,7 +176,9 @@ def _fits(image: ByteArray, at: tuple[float, ...], spacing: float, reach: int) -
 
 @njit(nogil=True)
 def _straight_profile(image: ByteArray, at: tuple[float, ...], spacing: float, reach: int, out: FloatArray) -> bool:
-    """As :func:`profile`, of a straight stretch, in grey levels as they are: whole numbers take half the time.
+    """Levels at whole pixels along a normal (2 reach + 1,), each the mean of a straight stretch along the tangent.
+
+    They are looked up bilinearly, which is enough to find a step: in whole numbers, which take half the time.
 
     Places have 32 binary digits after the point, weights 16: a step moves by less than a thousandth of a pixel.
     """
@@ -274,47 +298,43 @@ def fit_steps(image: ByteArray, outline: Stretches, beside: FloatArray, quality:
     """
     tone, blur, noise, walk, own = quality
     levels = 255.0 * (np.arange(256.0) / 255.0) ** tone
-    grey, blurs = np.empty(2 * FLANK + 1), np.empty((3, 2 * FLANK + 1))
+    seen = np.empty((4, 2 * FLANK + 1))
     most = 3 + 2 * beside.shape[1]
     x, low = np.empty(most), np.empty((most, most))
     wide = 2 * FLANK + 1
     sums = _Sums(
-        np.empty((most, most)),
-        np.empty(most),
-        np.empty((most + 1, wide)),
-        np.empty((2, most)),
-        np.empty((2, wide)),
-        np.empty(wide),
+        np.empty((most, most)), np.empty(most), np.empty((most + 1, wide)), np.empty(most), np.empty((2, wide))
     )
     fitted[:] = np.nan
     for n in range(len(outline.spacing)):
         r = outline.flank[n]
         at = (outline.pixel[n, 0], outline.pixel[n, 1], outline.normal[n, 0], outline.normal[n, 1])
-        if r == 0 or not profile(image, levels, at, outline.spacing[n], outline.bend[n], r, grey, blurs):
+        levels_seen = seen[:, : 2 * r + 1]
+        pixels = pixel_profile(image, levels, at, outline.spacing[n], outline.bend[n], r, levels_seen) if r > 0 else 0
+        if pixels == 0:
             continue
         steps = 2
         while steps < most - 1 and not math.isnan(beside[n, steps // 2 - 1]):
             steps += 2
         size = steps + (outline.limb[n] != 0.0)
-        look_up = blurs[0, : 2 * r + 1].mean()
+        mixed = math.sqrt(levels_seen[2].mean() / UNIFORM_VARIANCE)
         for k in range(2 * r + 1):
-            narrow = 1.0 / math.sqrt(blur * blur + blurs[0, k])
-            blurs[0, k], blurs[1, k] = narrow, blurs[1, k] * narrow**3 / 6.0
+            narrow = 1.0 / math.sqrt(blur * blur + seen[2, k])
+            seen[2, k], seen[3, k] = narrow, seen[3, k] * narrow**3 / 6.0
         # What a grey level of the image is in light, here.
-        mean = max(grey[: 2 * r + 1].mean(), 1.0) / 255.0
+        mean = max(levels_seen[0].mean(), 1.0) / 255.0
         light = tone * mean ** (1.0 - 1.0 / tone)
-        # Of the rows of pixels in a stretch those at its ends count in part.
-        rows = max(outline.spacing[n], 1.0)
-        variance = (noise * light) ** 2 / rows * (1.0 - 2.0 * blurs[2, : 2 * r + 1].mean() / rows)
+        variance = (noise * light) ** 2 / pixels
+        # From one level to the next, less what a mean of pixels at places so far apart leaves of it.
+        wander = (walk * light) ** 2 * (max(abs(at[2]), abs(at[3])) - mixed / 3.0)
         x[:] = 0.0
-        how = _Fit(steps, size, outline.limb[n], look_up, variance, (walk * light) ** 2)
-        squares = _converged(grey[: 2 * r + 1], blurs, beside[n], how, x, low, sums)
+        how = _Fit(steps, size, outline.limb[n], variance, wander)
+        squares = _converged(levels_seen, beside[n], how, x, low, sums)
         unexplained = squares / max(2 * r - size, 1)
         excess = own * (unexplained - 1.0)
         if excess > 0.0:
-            wander = how.walk + excess * (2.0 * variance + how.walk)
-            how = _Fit(steps, size, outline.limb[n], look_up, variance, wander)
-            _converged(grey[: 2 * r + 1], blurs, beside[n], how, x, low, sums)
+            how = _Fit(steps, size, outline.limb[n], variance, wander + excess * (2.0 * variance + wander))
+            _converged(levels_seen, beside[n], how, x, low, sums)
         if not abs(x[0]) < FARTHEST_STEP or abs(x[1]) < BOUND_SIGMA * math.sqrt(variance):
             continue
         fitted[n, 0], fitted[n, 1] = x[0], _variance(low, size, 0)
@@ -322,16 +342,19 @@ def fit_steps(image: ByteArray, outline: Stretches, beside: FloatArray, quality:
 
 
 @njit(nogil=True)
-def _converged(
-    grey: FloatArray, blurs: FloatArray, beside: FloatArray, how: _Fit, x: FloatArray, low: FloatArray, sums: _Sums
-) -> float:
-    """Gauss-Newton steps from x (u,), in place, with the Cholesky factor (u, u) of the last; see _normal_equations."""
-    _whiten(len(grey), how, sums)
-    squares = 0.0
+def _converged(seen: FloatArray, beside: FloatArray, how: _Fit, x: FloatArray, low: FloatArray, sums: _Sums) -> float:
+    """Gauss-Newton steps from x (u,), in place; returns the sum of squared residuals there, see _normal_equations.
+
+    low : (u, u), filled with the Cholesky factor of the last normal equations
+    """
+    _whiten(seen.shape[1], how, sums)
+    squares, gradient = 0.0, sums.white
     for turn in range(FIT_TURNS):
-        squares = _normal_equations(grey, blurs, beside, how, x, sums)
+        squares = _normal_equations(seen, beside, how, x, sums)
         if not cholesky(sums.normal, how.size, low):
             break
+        for i in range(how.size):
+            gradient[i] = sums.right[i]
         _solve(low, how.size, sums.right)
         longest = LONGEST_FIT_STEP if turn or x[1] != 0.0 else 0.0
         for j in range(0, how.steps, 2):
@@ -339,6 +362,9 @@ def _converged(
         for i in range(how.size):
             x[i] += sums.right[i]
         if longest > 0.0 and abs(sums.right[0]) < LAST_FIT_STEP:
+            # What the last step takes away: so short a one is that of a linear problem.
+            for i in range(how.size):
+                squares -= gradient[i] * sums.right[i]
             break
     return squares
 
@@ -352,16 +378,13 @@ class _Fit(NamedTuple):
         Unknowns of the steps, place and contrast of each, the point's own first; all unknowns.
     limb : float
         See :class:`Stretches`.
-    look_up : float
-        Square pixels, variance of the blur with which it was looked up.
     variance, walk : float
-        Of the noise of a pixel of the profile, and of the walk from one to the next.
+        Of the noise of a level of the profile, and of the walk from one to the next.
     """
 
     steps: int
     size: int
     limb: float
-    look_up: float
     variance: float
     walk: float
 
@@ -375,10 +398,9 @@ class _Sums(NamedTuple):
         Matrix, its lower half, and right side.
     rows : (u + 1, 2 FLANK + 1) float64
         Derivatives of the profile by each unknown, and what remains of it.
-    white : (2, u) float64
-        A row of the whitened derivatives, and the one before.
+    white : (u,) float64
+        The row of whitened derivatives before.
     link : (2, 2 FLANK + 1) float64
-    scale : (2 FLANK + 1,) float64
         See :func:`_whiten`.
     """
 
@@ -387,93 +409,80 @@ class _Sums(NamedTuple):
     rows: FloatArray
     white: FloatArray
     link: FloatArray
-    scale: FloatArray
 
 
 @njit(nogil=True)
 def _whiten(n: int, how: _Fit, sums: _Sums) -> None:
-    """How differences of neighbours among n levels are made independent: what the two before count, and the scale.
+    """How differences of neighbours among n levels are made independent: what the one before counts, and the scale.
 
-    A level between pixels is a mean of neighbours, so that noise, too, is alike in neighbouring levels: of a mean by
-    weights c, 1 - 2 c and c, whose variance is that of the look-up. (The two weights of a look-up halfway would leave
-    nothing of what alternates, and make all of the little by which a profile is not its model.) With the walk, which
-    leaves differences apart, a difference is related to two before and two after it: Cholesky factors of a matrix of
-    five diagonals.
+    The walk leaves differences apart; noise makes each alike with the next, which has one of its levels with the other
+    sign: Cholesky factors of a matrix of three diagonals.
     """
-    c = 0.5 * how.look_up
-    own, beside, second = (1.0 - 2.0 * c) ** 2 + 2.0 * c * c, 2.0 * c * (1.0 - 2.0 * c), c * c
-    square = 2.0 * how.variance * (own - beside) + how.walk
-    one, two = how.variance * (2.0 * beside - own - second), how.variance * (2.0 * second - beside)
-    before, last = 0.0, 0.0
+    square, near, scale = 2.0 * how.variance + how.walk, 0.0, 0.0
     for k in range(1, n):
-        far = two * sums.scale[k - 2] if k > 2 else 0.0
-        near = (one - far * before) * last if k > 1 else 0.0
-        scale = 1.0 / math.sqrt(square - near * near - far * far)
-        sums.link[0, k], sums.link[1, k], sums.scale[k] = near, far, scale
-        before, last = near, scale
+        near = -how.variance * scale
+        scale = 1.0 / math.sqrt(square - near * near)
+        sums.link[0, k], sums.link[1, k] = near, scale
 
 
 @njit(nogil=True)
-def _step_rows(at: float, contrast: float, blurs: FloatArray, by_place: FloatArray, by_contrast: FloatArray) -> None:
-    """Derivatives of a blurred step at a place, pixels from the first of n levels, by place and by contrast, (n,).
+def _step_rows(at: float, contrast: float, seen: FloatArray, by_place: FloatArray, by_contrast: FloatArray) -> None:
+    """Derivatives of a blurred step at a place, pixels along the normal, by place and by contrast, (n,) each.
 
     The step's shape is the beginning of Edgeworth's series (Cramer 1946, 17.6).
 
-    blurs : (2, n) of the blur at each level, one over its sigma and a sixth of its skewness
+    seen : (3, n) of n levels: where they are, pixels; one over the sigma of their blur; a sixth of its skewness
     """
     # Two loops, of which the second has no calls: it is done for several levels at once.
-    narrow, skew = blurs[0], blurs[1]
-    n = len(narrow)
+    where, narrow, skew = seen[0], seen[1], seen[2]
+    n = len(where)
     for k in range(n):
-        t = (k - at) * narrow[k]
+        t = (where[k] - at) * narrow[k]
         by_place[k] = math.exp(-0.5 * t * t)
     for k in range(n):
-        t = (k - at) * narrow[k]
+        t = (where[k] - at) * narrow[k]
         density = 0.3989422804014327 * by_place[k]
         by_contrast[k] = _normal_integral(t, by_place[k]) - skew[k] * (t * t - 1.0) * density
         by_place[k] = -contrast * density * (1.0 + skew[k] * t * (t * t - 3.0)) * narrow[k]
 
 
 @njit(nogil=True)
-def _normal_equations(
-    grey: FloatArray, blurs: FloatArray, beside: FloatArray, how: _Fit, x: FloatArray, sums: _Sums
-) -> float:
+def _normal_equations(seen: FloatArray, beside: FloatArray, how: _Fit, x: FloatArray, sums: _Sums) -> float:
     """Fill the normal equations of a fit at x (u,), in units of noise; returns the sum of squared residuals.
 
-    What is compared are the differences of neighbours, see :func:`_whiten`: the level before all falls out. blurs : see
-    :func:`_step_rows`.
+    What is compared are the differences of neighbours, see :func:`_whiten`: the level before all falls out. seen :
+    (4, n), the levels, and of each what :func:`_step_rows` asks for.
     """
     normal, right, rows, white = sums.normal, sums.right, sums.rows, sums.white
     steps, size = how.steps, how.size
-    n = len(grey)
-    r, e = n // 2, rows[size]
+    n = seen.shape[1]
+    e = rows[size]
     for k in range(n):
-        e[k] = grey[k]
+        e[k] = seen[0, k]
     for j in range(0, steps, 2):
-        at = r + x[j] + (beside[j // 2 - 1] if j else 0.0)
-        _step_rows(at, x[j + 1], blurs[:, :n], rows[j], rows[j + 1])
+        at = x[j] + (beside[j // 2 - 1] if j else 0.0)
+        _step_rows(at, x[j + 1], seen[1:], rows[j], rows[j + 1])
         for k in range(n):
             e[k] -= x[j + 1] * rows[j + 1, k]
     if size > steps:
         # Near the limb of a curved surface its normal, and with it the shading, turns with the root of the distance.
         for k in range(n):
-            rows[steps, k] = math.sqrt(max(how.limb * (k - r - x[0]), 0.0))
+            rows[steps, k] = math.sqrt(max(how.limb * (seen[1, k] - x[0]), 0.0))
             e[k] -= x[steps] * rows[steps, k]
     for i in range(size):
-        right[i], white[0, i], white[1, i] = 0.0, 0.0, 0.0
+        right[i], white[i] = 0.0, 0.0
         for j in range(i + 1):
             normal[i, j] = 0.0
-    squares, e_white, e_before = 0.0, 0.0, 0.0
+    squares, e_white = 0.0, 0.0
     for k in range(1, n):
-        near, far, scale = sums.link[0, k], sums.link[1, k], sums.scale[k]
-        e_white, e_before = (e[k] - e[k - 1] - near * e_white - far * e_before) * scale, e_white
+        near, scale = sums.link[0, k], sums.link[1, k]
+        e_white = (e[k] - e[k - 1] - near * e_white) * scale
         squares += e_white * e_white
         for i in range(size):
-            now = (rows[i, k] - rows[i, k - 1] - near * white[0, i] - far * white[1, i]) * scale
-            white[1, i], white[0, i] = white[0, i], now
-            right[i] += now * e_white
+            white[i] = (rows[i, k] - rows[i, k - 1] - near * white[i]) * scale
+            right[i] += white[i] * e_white
             for j in range(i + 1):
-                normal[i, j] += now * white[0, j]
+                normal[i, j] += white[i] * white[j]
     for i in range(size):
         believed = ON_EDGE if i < steps and i % 2 == 0 else CONTRAST
         normal[i, i] += 1.0 / believed**2

@@ -20,7 +20,7 @@ FLANK = 4
 # Grey levels for a root of a pixel, sigma of the walk that shade, print and grain make beside a step: what is believed
 # while the blur is looked for, and what is tried, from less than the noise of a good camera to strong print.
 FIRST_WALK = 4.0
-WALKS = tuple(0.25 * 2.0 ** (0.5 * k) for k in range(13))
+WALKS = tuple(0.03125 * 2.0 ** (0.5 * k) for k in range(19))
 # Pixels, sigmas that are added to the steps' own while a pose is drawn in: from half the reach to the width of an edge.
 DRAWN_IN = (4.0, 2.8, 2.0, 1.4, 1.0, 0.7)
 # Square radians: variance of a turn about an axis above which nothing shows it, that of an angle anywhere within a
@@ -32,16 +32,21 @@ FEWEST_POINTS = 12
 # changes.
 SIGMA_TURNS = 14
 SETTLED = 0.01
+# Halvings to the sigma of points: to a thousandth of what it could be.
+POINT_TURNS = 10
 # Lengths of a step of theirs that are taken at once, at most.
 LONGEST_JUMP = 16.0
 # Rounds of sigmas of the outline's error and pose; steps to the pose in each, and rounds where they begin at the sigmas
 # of the frame before.
-TO_ERROR = 8
+TO_ERROR = 24
 TO_POSE = 2
 # Sigmas of the noise, of steps that tell the blur.
 STRONG = 8.0
-# Blurs that are tried, pixels, sigma: from that of bilinear look-up to strong motion.
-BLURS = (0.4, 0.5, 0.62, 0.78, 0.97, 1.2, 1.5, 1.9, 2.4, 3.0)
+# Pixels, sigma of the blur that is believed first; how many times the one before the next is that is tried, and how
+# many steps it may be away: from that of a sharp picture on square pixels, 0.4, to strong motion, 3.
+FIRST_BLUR = 1.0
+BLUR_STEP = 1.25
+BLUR_STEPS = (-4, 6)
 # Gauss-Newton steps of a step's fit, and the longest of them, pixels: from half a pixel away it has all digits.
 FIT_TURNS = 5
 LONGEST_FIT_STEP = 0.5

@@ -16,6 +16,7 @@ from msgs_py.numeric.settings import BOUND_SIGMA
 from msgs_py.numeric.typed import ByteArray, FloatArray, IntArray
 
 from ..geometry.settings import UNIFORM_VARIANCE
+from .image_quality import Look
 from .settings import NOISE_ROWS, QUALITY_POINTS, REACH
 
 
@@ -80,33 +81,25 @@ class Views:
         return np.array([_noise(image) for image in self.images])
 
     @cached_property
-    def blur(self) -> FloatArray:
-        """Sigma of each image's blur, (views,) float64, pixels; 0 where it has not been measured yet."""
-        return np.zeros(len(self))
+    def look(self) -> FloatArray:
+        """What each image is like besides (see :class:`.image_quality.Look`), (views, 3) float64; 0 until measured."""
+        return np.zeros((len(self), len(Look._fields)))
 
     @cached_property
     def tone(self) -> FloatArray:
         """Exponent that makes light of the images' grey levels, (1,) float64; 0 where it has not been measured yet."""
         return np.zeros(1)
 
-    @cached_property
-    def walk(self) -> FloatArray:
-        """By how much levels wander, and how far that is each place's own (see :class:`.profiles.Quality`).
-
-        (views, 2) float64; measured with the blur.
-        """
-        return np.zeros((len(self), 2))
-
     @property
-    def quality(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Noise, blur, tone and walk, as far as they have been measured."""
-        return self.noise, self.blur, self.tone, self.walk
+    def quality(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Noise, tone and look, as far as they have been measured."""
+        return self.noise, self.tone, self.look
 
-    def take_over(self, quality: tuple[FloatArray, FloatArray, FloatArray, FloatArray]) -> None:
+    def take_over(self, quality: tuple[FloatArray, FloatArray, FloatArray]) -> None:
         """Take those that were measured in other images of the same cameras."""
-        noise, blur, tone, walk = (one.copy() for one in quality)
+        noise, tone, look = (one.copy() for one in quality)
         # Where cached_property keeps what it has computed.
-        self.__dict__.update(noise=noise, blur=blur, tone=tone, walk=walk)
+        self.__dict__.update(noise=noise, tone=tone, look=look)
 
     @cached_property
     def halved(self) -> Views:

@@ -12,8 +12,8 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 from ..geometry.least_squares import covariances
 from ..image_pose.alignment import Steps
 from ..image_pose.measurement import Presence, elsewhere, fitted, laid, own_steps, searched, shown
-from ..image_pose.model_error import NO_ERROR, ModelError, settled
-from ..image_pose.settings import DRAWN_IN, FARTHEST_STEP, FEWEST_POINTS, FLANK, REACH, SPACING, TO_POSE
+from ..image_pose.model_error import ModelError, settled
+from ..image_pose.settings import DRAWN_IN, FARTHEST_STEP, FEWEST_POINTS, FLANK, ON_EDGE, REACH, SPACING, TO_POSE
 from ..image_pose.sight import Outline, Shape, drawn
 from ..image_pose.views import Views
 from .settings import RARE
@@ -38,6 +38,29 @@ class Place:
     motion: FloatArray
     presence: Presence
     steps: Steps
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A measured pose.
+
+    Attributes
+    ----------
+    motion : (12,) float64
+        first_T_model.
+    covariance : (6, 6) float64
+        Of middle and turn.
+    confirmed : (6, 6) float64
+        Of middle and turn, by no more than that steps confirm the outline: each lies anywhere within ON_EDGE of its
+        point. That is what was asked whether the object is there; how exactly they agree was not.
+    error : ModelError
+        What the outline was found to be off.
+    """
+
+    motion: FloatArray
+    covariance: FloatArray
+    confirmed: FloatArray
+    error: ModelError
 
 
 def searched_for(
@@ -81,7 +104,7 @@ def searched_for(
         near = within(steps, reach) if search_px <= FLANK else steps
         near = own_steps(near, sight, motion, levels[level])
         widths = np.array([width for width in DRAWN_IN if width <= 0.5 * reach + 1.0])
-        laid(shape, motion, levels[level], sight, near, widths, NO_ERROR, elsewhere(near, reach), prior)
+        laid(shape, motion, levels[level], sight, near, widths, elsewhere(near, reach), prior)
     there = drawn(seen, motion, shape.centre, views, SPACING)
     if search_px <= FLANK and len(there) == len(sight):
         moved = ((there.placed.pixel - sight.placed.pixel) * sight.placed.normal).sum(axis=1)
@@ -112,13 +135,8 @@ def _within(offset: FloatArray, number: Int32Array, reach: int) -> tuple[FloatAr
     return kept, count
 
 
-def measured(
-    shape: Shape, place: Place, views: Views, error: ModelError
-) -> tuple[FloatArray, FloatArray, ModelError] | None:
-    """The pose (12,) by fitted steps, the covariance (6, 6) of middle and turn, and the outline's errors.
-
-    None where too little of the outline shows a step.
-    """
+def measured(shape: Shape, place: Place, views: Views, error: ModelError) -> Measured | None:
+    """The pose by fitted steps; None where too little of the outline shows a step."""
     sight, motion = place.presence.sight, place.motion.copy()
     if len(sight) < FEWEST_POINTS:
         return None
@@ -129,8 +147,10 @@ def measured(
         return None
     if error.point > FARTHEST_STEP:
         return None
-    covariance = covariances(normal[None], np.ones(1), np.zeros((1, 3)), shape.size)[0]
-    return motion, covariance, error
+    slope = sight.placed.slope[weight > 0.0]
+    confirmed = 3.0 * slope.T @ slope / ON_EDGE**2
+    both = covariances(np.stack([normal, confirmed]), np.ones(2), np.zeros((2, 3)), shape.size)
+    return Measured(motion, both[0], both[1], error)
 
 
 def _some(outline: Outline, rows: BoolArray | IntArray) -> Outline:

@@ -133,7 +133,7 @@ def move_middle(motion: FloatArray, middle: FloatArray, step: FloatArray) -> Non
     compose_small(motion, centre, turn_first)
 
 
-def carried(before: BodyState, pose: Pose, covariance: FloatArray, seconds: float, velocities: FloatArray) -> BodyState:
+def carried(before: BodyState, pose: Pose, covariance: FloatArray, seconds: float, change: FloatArray) -> BodyState:
     """The body after a motion that was seen: its pose is as uncertain as before, and by what the motion is.
 
     Parameters
@@ -145,15 +145,17 @@ def carried(before: BodyState, pose: Pose, covariance: FloatArray, seconds: floa
     covariance : (6, 6) float64
         Of the motion, as shift of the middle and turn.
     seconds : float
-    velocities : (6, 6) float64
-        Covariance that the velocities would have without.
+    change : (6, 6) float64
+        Covariance of what the velocities may have changed by between the frames.
     """
     turn = cv2.Rodrigues(pose.rotation @ before.pose.rotation.T)[0][:, 0]
     twist = np.concatenate([pose.apply(before.middle) - before.place, turn]) / seconds
     whole = np.zeros((12, 12))
     whole[:6, :6] = before.covariance[:6, :6] + covariance
-    # A mean velocity between two frames, and one at the end of them: both have their share.
-    whole[6:, 6:] = covariance / seconds**2 + velocities
+    # What the motion is off, pose and velocity are off together. A mean velocity between two frames, and one at the end
+    # of them, differ by half of a steady change.
+    whole[:6, 6:] = whole[6:, :6] = covariance / seconds
+    whole[6:, 6:] = covariance / seconds**2 + 0.25 * change
     return BodyState(pose, before.middle, twist, whole)
 
 
@@ -248,7 +250,7 @@ def occam(before: FloatArray, measured: FloatArray) -> float:
     A pose has six unknowns, with which an outline lays some of its edges on whatever edges there are. The likelihood of
     the object being there is the mean over all poses that were possible beforehand, of which the best has a share.
 
-    before, measured : (6, 6) float64, covariance predicted, and that of the measurement alone
+    before, measured : (6, 6) float64, covariance predicted, and that of what the likelihood tells of the pose
     """
     nats = 0.0
     low = np.empty((6, 6))

@@ -62,7 +62,9 @@ def corners_of(shape: Shape, pose: Pose, sight: Sight, views: Views) -> list[Cor
         mask = np.zeros(last[::-1] - first[::-1], np.uint8)
         hull = cv2.convexHull(outline)
         cv2.fillConvexPoly(mask, np.rint(hull - first).astype(np.int32), 255)
-        cv2.polylines(mask, [np.rint(hull - first).astype(np.int32)], True, 0, 2 * CORNER_APART)
+        # Where an edge of the model passes, what looks like a corner may slide along it.
+        for u, v in np.rint(outline - first).astype(int).tolist():
+            cv2.circle(mask, (u, v), CORNER_APART, 0, cv2.FILLED)
         piece = np.ascontiguousarray(image[first[1] : last[1], first[0] : last[0]])
         strongest = float(cv2.minMaxLoc(cv2.cornerMinEigenVal(piece, 3), mask)[1])
         least = CORNER_OF_NOISE * float(views.noise[eye]) ** 2

@@ -171,10 +171,10 @@ class Tracker:
         self._accelerations = np.array([self.params.acceleration**2, 1.0])
         self._begun = False
         self._last: tuple[Sight, Pose, Views] | None = None
-        self._measured: FloatArray | None = None
+        self._confirmed: FloatArray | None = None
         self._evidence = math.inf
         self._lost_s = 0.0
-        self._quality: tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None = None
+        self._quality: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     def __call__(self, images: Sequence[ByteArray], cameras: Cameras) -> Pose | None:
         """The pose in the next frame, first_T_model, or None; see :meth:`step`."""
@@ -240,16 +240,16 @@ class Tracker:
         if found is None:
             self._weigh(-math.inf)
             return self._result(state, place.presence, guess.search_px)
-        motion, covariance, error = found
-        evidence = place.presence.log_ratio + guess.prior - occam(guess.state.covariance[:6, :6], covariance)
+        covariance = found.covariance
+        evidence = place.presence.log_ratio + guess.prior - occam(guess.state.covariance[:6, :6], found.confirmed)
         self._weigh(evidence)
         if self._log_odds > 0.0:
             if guess.state is state:
-                self._learn(state, as_pose(motion), covariance)
-            self._error, self._support, self._evidence = error, place.presence.support, evidence
+                self._learn(state, as_pose(found.motion), covariance)
+            self._error, self._support, self._evidence = found.error, place.presence.support, evidence
             self._quality = views.quality
-            self._measured = covariance
-            state = self._state = corrected(guess.state, as_pose(motion), covariance)
+            self._confirmed = found.confirmed
+            state = self._state = corrected(guess.state, as_pose(found.motion), covariance)
             self._last = place.presence.sight, state.pose, views
         return self._result(state, place.presence, guess.search_px)
 
@@ -288,7 +288,7 @@ class Tracker:
             start = as_motion(guess.state.pose)
             place = searched_for(self.shape, outline, start, views, guess.search_px, spread, hidden)
             # What a pose costs that is chosen from more: see occam; by the last measurement's covariance.
-            cost = 0.0 if self._measured is None else occam(spread, self._measured)
+            cost = 0.0 if self._confirmed is None else occam(spread, self._confirmed)
             score = place.presence.log_ratio + guess.prior - cost
             if best is None or score > best[0]:
                 best = score, place, guess
@@ -310,7 +310,8 @@ class Tracker:
         if found is None:
             return None
         pose, covariance = found
-        return carried(before, pose, covariance, seconds, state.covariance[6:, 6:])
+        change = state.covariance[6:, 6:] - before.covariance[6:, 6:]
+        return carried(before, pose, covariance, seconds, change)
 
     def _as_it_looked(self, state: BodyState, views: Views, reach_px: float) -> Pose | None:
         """The predicted pose shifted to where the images look most as the object did when it was last seen."""
