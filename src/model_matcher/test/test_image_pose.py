@@ -15,6 +15,7 @@ from csg_renderer.raycast.sensor import SensorModel, grey
 from model_matcher import MatchParams, index_model, match
 from model_matcher.geometry.pose_rows import as_motion
 from model_matcher.image_pose.alignment import Placed
+from model_matcher.image_pose.image_quality import look_of
 from model_matcher.image_pose.measurement import drawn_in, measure_pose, presence
 from model_matcher.image_pose.model_error import FIRST_ERROR, fitted_model_error
 from model_matcher.image_pose.presence import Chance, behind_screens, bent, log_ratio
@@ -239,6 +240,21 @@ def test_how_far_levels_wander_is_told_by_each_picture():
     other = Views.of(printed, rig)
     measure_pose(shape, pose, other)
     assert (other.look[:, 1] >= 2.5).all()
+
+
+@pytest.mark.parametrize('blur', [0.45, 0.5, 0.8, 1.7, 2.8])
+def test_the_blur_of_a_picture_is_told_by_its_steps(blur):
+    rng, outlines, pieces = np.random.default_rng(3), [], []
+    for k in range(12):
+        angle = rng.uniform(0.0, 2.0 * math.pi)
+        pieces.append(step_image([rng.uniform(-0.5, 0.5)], [60, 180], angle, blur))
+        outlines.append(stretches(angle)._replace(pixel=stretches(angle).pixel + [64.0 * k, 0.0]))
+    outline = Stretches(*(np.concatenate(values) for values in zip(*outlines)))
+    image = np.hstack(pieces)
+    noisy = np.clip(np.rint(image + rng.normal(scale=1.0, size=image.shape)), 0, 255).astype(np.uint8)
+    look = look_of(noisy, outline, np.full((len(outline.spacing), BESIDE), np.nan), 1.0, math.hypot(1.0, 12.0**-0.5))
+    assert look.blur == pytest.approx(blur, rel=0.02)
+    assert look.walk < 0.5
 
 
 def test_curves_count_for_presence_and_not_their_lengths():

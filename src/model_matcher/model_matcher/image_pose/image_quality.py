@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
 from collections.abc import Callable
 from functools import cache
@@ -14,7 +15,7 @@ from msgs_py.numeric.typed import ByteArray, FloatArray
 
 from ..geometry.settings import NOT_ZERO
 from .profiles import Quality, Stretches, fit_steps
-from .settings import BLUR_STEP, BLUR_STEPS, FIRST_BLUR, FIRST_WALK, FLANK, QUALITY_POINTS, STRONG, WALKS
+from .settings import BLUR_STEPS, FIRST_BLUR, FIRST_WALK, FLANK, LEAST_BLUR, MOST_BLUR, QUALITY_POINTS, STRONG, WALKS
 
 
 class Look(NamedTuple):
@@ -54,12 +55,18 @@ def look_of(image: ByteArray, outline: Stretches, beside: FloatArray, tone: floa
     left(FIRST_BLUR, FIRST_WALK)
     strong = np.abs(out[:, 2]) > STRONG * noise
     if not strong.any():
-        return Look(FIRST_BLUR * BLUR_STEP ** BLUR_STEPS[0], FIRST_WALK, 0.0)
+        return Look(LEAST_BLUR, FIRST_WALK, 0.0)
 
-    def unexplained(k: int) -> float:
-        return float(np.median(np.nan_to_num(left(FIRST_BLUR * BLUR_STEP**k, FIRST_WALK)[strong], nan=np.inf)))
+    def unexplained(blur: float) -> float:
+        return float(np.median(np.nan_to_num(left(blur, FIRST_WALK)[strong], nan=np.inf)))
 
-    blur = float(FIRST_BLUR * BLUR_STEP ** _lowest(unexplained, range(*BLUR_STEPS)))
+    def told(first: float, step: float) -> float:
+        least, most = (int(math.log(end / first) / math.log(step)) for end in (LEAST_BLUR, MOST_BLUR))
+        return float(first * step ** _lowest(lambda k: unexplained(first * step**k), range(least, most + 1)))
+
+    blur = FIRST_BLUR
+    for step in BLUR_STEPS:
+        blur = told(blur, step)
     # The more they may wander, the less is left: as much as was expected where the walk is right.
     most = bisect_left(WALKS, -1.0, key=lambda walk: -float(np.nanmean(left(blur, walk))))
     walk = WALKS[min(most, len(WALKS) - 1)]
@@ -73,7 +80,7 @@ def look_of(image: ByteArray, outline: Stretches, beside: FloatArray, tone: floa
 
 
 def _lowest(cost: Callable[[int], float], places: range) -> float:
-    """Where a cost of whole numbers is lowest, downhill from 0; between them by a parabola through three."""
+    """Where a cost of whole numbers is lowest, downhill from 0, a place; between them by a parabola through three."""
     known = cache(cost)
     best = 0
     while True:

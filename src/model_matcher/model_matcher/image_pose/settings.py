@@ -42,11 +42,12 @@ TO_ERROR = 24
 TO_POSE = 2
 # Sigmas of the noise, of steps that tell the blur.
 STRONG = 8.0
-# Pixels, sigma of the blur that is believed first; how many times the one before the next is that is tried, and how
-# many steps it may be away: from that of a sharp picture on square pixels, 0.4, to strong motion, 3.
-FIRST_BLUR = 1.0
-BLUR_STEP = 1.25
-BLUR_STEPS = (-4, 6)
+# Pixels, sigma of the blur that is believed first, of that of a sharp picture on square pixels, and of that of strong
+# motion; how many times the one before the next is that is tried, at first and about the best.
+FIRST_BLUR = 0.64
+LEAST_BLUR = 0.4
+MOST_BLUR = 3.0
+BLUR_STEPS = (1.25, 1.05)
 # Gauss-Newton steps of a step's fit, and the longest of them, pixels: from half a pixel away it has all digits.
 FIT_TURNS = 5
 LONGEST_FIT_STEP = 0.5

@@ -31,8 +31,8 @@ PATCH_PX = 48
 # Points that an object is followed by, in all views together: of more each says what its neighbours do, since what a
 # curve is off, a tenth of a pixel and more, they have in common.
 MOST_POINTS = 320
-# Corners of an object's surface that are followed in a view, at most; pixels between them, and from the outline inside
-# of which none is looked for.
+# Corners of an object's surface that are followed in a view, at most; pixels between them, and from the curves of the
+# outline, nearer to which none is looked for.
 CORNERS = 60
 CORNER_APART = 5
 # Strength of a corner over the variance of the noise, grey levels: the square of three sigma times what OpenCV's Sobel
