@@ -171,7 +171,7 @@ class Tracker:
         self._accelerations = np.array([self.params.acceleration**2, 1.0])
         self._begun = False
         self._last: tuple[Sight, Pose, Views] | None = None
-        self._confirmed: FloatArray | None = None
+        self._measured: FloatArray | None = None
         self._evidence = math.inf
         self._lost_s = 0.0
         self._quality: tuple[FloatArray, FloatArray, FloatArray] | None = None
@@ -241,14 +241,16 @@ class Tracker:
             self._weigh(-math.inf)
             return self._result(state, place.presence, guess.search_px)
         covariance = found.covariance
-        evidence = place.presence.log_ratio + guess.prior - occam(guess.state.covariance[:6, :6], found.confirmed)
+        # Of a part that may be anywhere edges are chosen that agree; near where it is predicted they are looked at.
+        told = covariance if lost or guess.search_px > REACH else found.confirmed
+        evidence = place.presence.log_ratio + guess.prior - occam(guess.state.covariance[:6, :6], told)
         self._weigh(evidence)
         if self._log_odds > 0.0:
             if guess.state is state:
                 self._learn(state, as_pose(found.motion), covariance)
             self._error, self._support, self._evidence = found.error, place.presence.support, evidence
             self._quality = views.quality
-            self._confirmed = found.confirmed
+            self._measured = covariance
             state = self._state = corrected(guess.state, as_pose(found.motion), covariance)
             self._last = place.presence.sight, state.pose, views
         return self._result(state, place.presence, guess.search_px)
@@ -288,7 +290,7 @@ class Tracker:
             start = as_motion(guess.state.pose)
             place = searched_for(self.shape, outline, start, views, guess.search_px, spread, hidden)
             # What a pose costs that is chosen from more: see occam; by the last measurement's covariance.
-            cost = 0.0 if self._confirmed is None else occam(spread, self._confirmed)
+            cost = 0.0 if self._measured is None else occam(spread, self._measured)
             score = place.presence.log_ratio + guess.prior - cost
             if best is None or score > best[0]:
                 best = score, place, guess
