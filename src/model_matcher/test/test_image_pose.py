@@ -248,7 +248,8 @@ def test_the_blur_of_a_picture_is_told_by_its_steps(blur):
     for k in range(12):
         angle = rng.uniform(0.0, 2.0 * math.pi)
         pieces.append(step_image([rng.uniform(-0.5, 0.5)], [60, 180], angle, blur))
-        outlines.append(stretches(angle)._replace(pixel=stretches(angle).pixel + [64.0 * k, 0.0]))
+        outline = stretches(angle)
+        outlines.append(outline._replace(pixel=outline.pixel + [64.0 * k, 0.0]))
     outline = Stretches(*(np.concatenate(values) for values in zip(*outlines)))
     image = np.hstack(pieces)
     noisy = np.clip(np.rint(image + rng.normal(scale=1.0, size=image.shape)), 0, 255).astype(np.uint8)

@@ -10,6 +10,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 
 from ..geometry.least_squares import covariances
+from ..geometry.settings import UNIFORM_VARIANCE
 from ..image_pose.alignment import Steps
 from ..image_pose.measurement import Presence, elsewhere, fitted, laid, own_steps, searched, shown
 from ..image_pose.model_error import ModelError, settled
@@ -148,7 +149,7 @@ def measured(shape: Shape, place: Place, views: Views, error: ModelError) -> Mea
     if error.point > FARTHEST_STEP:
         return None
     slope = sight.placed.slope[weight > 0.0]
-    confirmed = 3.0 * slope.T @ slope / ON_EDGE**2
+    confirmed = slope.T @ slope / (UNIFORM_VARIANCE * (2.0 * ON_EDGE) ** 2)
     both = covariances(np.stack([normal, confirmed]), np.ones(2), np.zeros((2, 3)), shape.size)
     return Measured(motion, both[0], both[1], error)
 
