@@ -493,7 +493,7 @@ def compile_steps() -> tuple[CompileStep, ...]:
     def not_for_every_pair() -> None:
         grey = as_grey(disc, 'left')
         view = detect_view(grey, params.detector, params.sigma, params.low, params.high)
-        DenseDisparity(grey, grey, 0.0, 16.0).log_ratio(np.zeros((1, 2), np.int32), np.zeros((1, 8)), view.segments)
+        DenseDisparity(grey, grey, 0.0, 16.0).log_ratio(np.zeros((1, 2), np.int32), np.zeros((1, 9)), view.segments)
         sampson(np.diag([1.0, 1.0, -1.0]), np.zeros((1, 2)))
         same_contrast(contrast_across(grey, np.zeros(2), np.ones(2)), 1.0)
         seen = StereoEdgels(view.edgels, view.edgels, rig, 1.0).seen

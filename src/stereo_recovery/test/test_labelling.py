@@ -74,8 +74,27 @@ def test_disparity_is_told_at_start_middle_end_and_where_the_common_rows_begin_a
     # In row y the left line is at 100 + (y - 10) / 2.
     assert value[0, :3] == pytest.approx([40.0, 50.0, 60.0])
     assert value[0, 3:5] == pytest.approx([10.0, 30.0])
-    assert value[0, 6:] == pytest.approx([40.0, 50.0])
+    assert value[0, 6:8] == pytest.approx([40.0, 50.0])
+    assert value[0, 8] == pytest.approx(2.0 / np.sqrt(5.0))
     assert chances[0] == pytest.approx(21.0 / 41.0)
+
+
+@pytest.mark.parametrize('lean', [0.0, 0.25, -1.0])
+def test_parts_of_one_edge_that_recedes_are_one_however_wide_the_gap_between_them(lean):
+    """An edge whole in the left image and broken in the right one, where it leans by this many px a row."""
+    left = table(((100.0, 10.0), (100.0, 90.0)))
+    along = [(60.0 + lean * (y - 10.0), y) for y in (10.0, 40.0, 60.0, 90.0)]
+    for found in (candidates(left, table(along[:2], along[2:])), candidates(table(along[:2], along[2:]), left)):
+        chosen = labelling_kernels.unique(found.node, found.value, np.arange(len(found.node)))
+        assert len(found.node) == len(chosen) == 2
+
+
+def test_a_short_part_of_a_nearly_level_edge_is_matched_by_its_rows():
+    """Twenty columns of an edge that gains a row in fifteen, of which the other image shows all."""
+    left = table(((150.0, 60.0), (180.0, 62.0)))
+    right = table(((60.0, 58.0), (180.0, 66.0)))
+    value = candidates(left, right).value
+    assert value[-1, :3] == pytest.approx([60.0, 60.0, 60.0])
 
 
 def test_a_level_pair_has_the_disparities_of_both_ends_and_of_either():

@@ -71,11 +71,11 @@ class Photometry(NamedTuple):
 class Candidates(NamedTuple):
     """k pairs of segments that could be one edge, ordered by the left one.
 
-    node : (k, 2) int32, segments; value : (k, 8) float64: disparity at the left segment's start, middle and end, first
+    node : (k, 2) int32, segments; value : (k, 9) float64: disparity at the left segment's start, middle and end, first
     and last common row, log likelihood ratio of the geometry against a pair at random, disparity in the first and in
-    the last common row; samples : (k, 2) int32, first and last of the left segment's profile that the right one covers;
-    reverse : (k,) bool, the contrast changes its sign; chances : (n,) float64, how many pairs geometry alone offers
-    along each left segment
+    the last common row, sine of the flatter segment's slope; samples : (k, 2) int32, first and last of the left
+    segment's profile that the right one covers; reverse : (k,) bool, the contrast changes its sign; chances : (n,)
+    float64, how many pairs geometry alone offers along each left segment
     """
 
     node: Int32Array
@@ -253,7 +253,7 @@ def candidates(
     shape : (h, w) of the images; lowest, highest : allowed disparity, pixels.
     """
     count = 0
-    node, value = np.empty((1024, 2), np.int32), np.empty((1024, 8))
+    node, value = np.empty((1024, 2), np.int32), np.empty((1024, 9))
     compared, reversed_ = np.empty((1024, 2), np.int32), np.empty(1024, np.bool_)
     chances = np.zeros(len(left.start))
     tops = np.minimum(right.start[:, 1], right.end[:, 1])
@@ -284,8 +284,8 @@ def candidates(
                 continue
             shorter = min(bottom - top, abs(q[1, 1] - q[0, 1]))
             common = last_row - first_row
-            # A level pair whose rows tell its disparity is one by them, too, wherever its ends are.
-            by_rows = tv * rv > 0.0 and common >= SAME_ROW if level else common >= min(SAME_ROW, 0.5 * shorter)
+            # A level pair that slopes alike is one by its rows, too, wherever its ends are.
+            by_rows = (not level or tv * rv > 0.0) and common >= min(SAME_ROW, 0.5 * shorter)
             for choice in range(0 if level else BY_ROWS, BY_ROWS + by_rows):
                 if choice < BY_ROWS:
                     ratio = _level_pair(p, q, choice, disparity)
@@ -316,9 +316,10 @@ def candidates(
                 node[count, 0], node[count, 1] = i, j
                 value[count, 0], value[count, 1], value[count, 2] = disparity[0], middle, disparity[1]
                 value[count, 3], value[count, 4], value[count, 5] = rows[0], rows[1], ratio
-                per_row = 0.0 if level else (disparity[1] - disparity[0]) / (p[1, 1] - p[0, 1])
+                per_row = 0.0 if choice < BY_ROWS else (disparity[1] - disparity[0]) / (p[1, 1] - p[0, 1])
                 value[count, 6] = disparity[0] + per_row * (rows[0] - p[0, 1])
                 value[count, 7] = disparity[0] + per_row * (rows[1] - p[0, 1])
+                value[count, 8] = min(abs(tv), abs(rv))
                 count += 1
     return Candidates(node[:count], value[:count], compared[:count], reversed_[:count], chances)
 

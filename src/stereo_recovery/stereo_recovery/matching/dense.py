@@ -101,7 +101,7 @@ class DenseDisparity:
 
         Parameters
         ----------
-        node, value : (k, 2), (k, 8)
+        node, value : (k, 2), (k, 9)
             Candidates, see :func:`.candidate_kernels.candidates`.
         left : Segments
         """

@@ -61,7 +61,7 @@ class Exposure:
 class Labelling:
     """The candidates that are in the game, and how they stand.
 
-    node, value : (k, 2), (k, 8), see :func:`.candidate_kernels.candidates`; belief : (k,), probability; chosen : (m,)
+    node, value : (k, 2), (k, 9), see :func:`.candidate_kernels.candidates`; belief : (k,), probability; chosen : (m,)
     candidates that are matches, best first
     """
 

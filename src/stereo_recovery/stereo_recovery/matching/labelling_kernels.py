@@ -1,6 +1,6 @@
 """Compiled belief propagation over candidate pairs of segments.
 
-Candidates stand in ``node`` (k, 2) and ``value`` (k, 8), as :func:`.candidate_kernels.candidates` returns them, ordered
+Candidates stand in ``node`` (k, 2) and ``value`` (k, 9), as :func:`.candidate_kernels.candidates` returns them, ordered
 by left segment. Lists of candidates are a start (n + 1,) and the items from one start to the next.
 """
 
@@ -189,8 +189,16 @@ def rivals(value: FloatArray, a: int, b: int) -> bool:
     if common > SAME_PART * shorter or shorter < 1e-9:
         return True
     # One below the other: parts of one line, or edges that meet there and that one eye sees in line.
-    upper, lower = (a, b) if value[a, 3] < value[b, 3] else (b, a)
-    return bool(abs(value[upper, 7] - value[lower, 6]) > ONE_LINE)
+    between = 0.5 * (max(value[a, 3], value[b, 3]) + min(value[a, 4], value[b, 4]))
+    apart = abs(_in_row(value, a, between) - _in_row(value, b, between))
+    return bool(apart * min(value[a, 8], value[b, 8]) > ONE_LINE)
+
+
+@njit
+def _in_row(value: FloatArray, a: int, row: float) -> float:
+    """Disparity, pixels, of candidate a in a row, which its line may reach beyond its ends."""
+    share = (row - value[a, 3]) / max(value[a, 4] - value[a, 3], 1e-9)
+    return float(value[a, 6] + share * (value[a, 7] - value[a, 6]))
 
 
 @njit

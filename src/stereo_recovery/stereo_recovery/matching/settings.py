@@ -95,8 +95,8 @@ SETTLED = 0.02
 FIRST_ROUNDS, ROUNDS = 3, 8
 # Log odds beyond which nothing is more certain. [D] keeps the exponential finite
 MOST_ODDS = 40.0
-# Two partners of one segment are parts of one edge when their disparities agree to this, px; pairs that have this share
-# of the shorter one's rows in common claim the same part. [R]
+# Two partners of one segment are parts of one edge when, midway between them, their lines miss each other by less than
+# this, px; pairs that have this share of the shorter one's rows in common claim the same part. [R]
 ONE_LINE, SAME_PART = 2.0, 0.3
 # An eye that sees past an object's side sees one edge more there, outside the one that both see: of two candidates the
 # nearer is the true one. Log odds of that, when they are side by side; px over which it falls off; and px below which
