@@ -167,14 +167,20 @@ def beliefs(left, node, value, own, met=None):
     return labelling_kernels.propagate(np.ascontiguousarray(node[:, 0]), own, near, support, against, RADIUS, 8)[1]
 
 
+def values(*disparity):
+    """Candidates of one disparity each, in rows 10 to 50."""
+    d = np.array(disparity)
+    n = len(d)
+    return np.column_stack([d] * 3 + [np.full(n, 10.0), np.full(n, 50.0), np.zeros(n), d, d, np.ones(n)])
+
+
 @given(st.lists(st.floats(-20.0, 60.0), min_size=2, max_size=6))
 @settings(deadline=None)  # the first example may compile
 def test_beliefs_of_rivals_and_of_none_are_probabilities(odds):
     """One left segment, candidates of one part of it, far from each other: what they leave is the belief in none."""
     n = len(odds)
     node = np.array([[0, j] for j in range(n)], np.int32)
-    disparity = 30.0 + 1e4 * np.arange(n)
-    value = np.column_stack([disparity] * 3 + [np.full(n, 10.0), np.full(n, 50.0), np.zeros(n), disparity, disparity])
+    value = values(*(30.0 + 1e4 * np.arange(n)))
     own = np.array(odds)
     belief = beliefs(table(((100.0, 10.0), (100.0, 50.0))), node, value, own)
     weight = np.exp(np.minimum(own, 40.0))
@@ -184,7 +190,7 @@ def test_beliefs_of_rivals_and_of_none_are_probabilities(odds):
 def test_the_nearer_of_two_edges_side_by_side_is_believed():
     """One left edge, two right ones a few pixels apart: an eye sees past the object's side."""
     node = np.array([[0, 0], [0, 1]], np.int32)
-    value = np.array([[d, d, d, 10.0, 50.0, 0.0, d, d] for d in (30.0, 33.0)])
+    value = values(30.0, 33.0)
     belief = beliefs(table(((100.0, 10.0), (100.0, 50.0))), node, value, np.array([5.5, 5.0]))
     assert belief[1] > 0.5 > belief[0]
 
@@ -192,19 +198,30 @@ def test_the_nearer_of_two_edges_side_by_side_is_believed():
 def test_a_neighbour_of_like_disparity_decides_between_two_candidates():
     left = table(((100.0, 10.0), (100.0, 50.0)), ((120.0, 10.0), (120.0, 50.0)))
     node = np.array([[0, 0], [0, 1], [1, 2]], np.int32)
-    d = np.array([70.0, 30.0, 71.0])
-    value = np.column_stack([d] * 3 + [np.full(3, 10.0), np.full(3, 50.0), np.zeros(3), d, d])
+    value = values(70.0, 30.0, 71.0)
     belief = beliefs(left, node, value, np.array([2.0, 2.0, 6.0]))
     assert belief[0] > 0.8
     assert belief[1] < 0.1
+
+
+def test_neighbours_speak_against_a_candidate_as_far_as_they_have_disparities_of_their_own():
+    """A segment among nine others, all of whose candidates are far from its own in depth."""
+    left = table(*[((100.0 + 4.0 * k, 10.0), (100.0 + 4.0 * k, 50.0)) for k in range(10)])
+    node = np.stack([np.arange(10), np.arange(10)], axis=1).astype(np.int32)
+    value = values(30.0, *[90.0] * 9)
+    alone, among_hopeless, among_others = (
+        beliefs(SegmentTable(*(each[:n] for each in left)), node[:n], value[:n], np.array([1.0] + [other] * (n - 1)))[0]
+        for n, other in ((1, 0.0), (10, -30.0), (10, 6.0))
+    )
+    assert among_hopeless == pytest.approx(alone, abs=1e-6)
+    assert among_others < 0.1 < alone
 
 
 def test_what_meets_in_both_images_meets_in_space():
     """Two segments with a corner; of two candidates a few pixels apart one has it at the other's depth."""
     left = table(((100.0, 10.0), (100.0, 50.0)), ((100.0, 50.0), (140.0, 80.0)))
     node = np.array([[0, 0], [0, 1], [1, 2]], np.int32)
-    d = np.array([34.0, 30.0, 30.0])
-    value = np.column_stack([d] * 3 + [np.full(3, 10.0), np.full(3, 50.0), np.zeros(3), d, d])
+    value = values(34.0, 30.0, 30.0)
     own = np.array([3.0, 1.0, 6.0])
     none = np.full((3, 2), -1, np.int32)
     met = np.array([[-1, 1], [0, -1]], np.int32), np.array([[-1, -1], [-1, 2], [1, -1]], np.int32)

@@ -306,26 +306,35 @@ def propagate(
     rival_start, rival, odds = against
     belief, score, likelihood = np.empty(len(own)), own.copy(), np.empty(len(own))
     same = SEEN_AS_ONE * np.exp(-near.gap / radius)
-    # Neighbours that have no candidate near a disparity speak against it.
-    alone, odds_same = (near.worth * np.log(1.0 - same)).sum(axis=1), same / (1.0 - same)
+    matched, alone = np.empty(len(near.other)), np.empty(NEIGHBOURS)
     for turn in range(rounds + 1):
         for a in range(len(own)):
             likelihood[a] = np.exp(min(score[a], MOST_ODDS))
+        matched[:] = 0.0
         for a in range(len(own)):
             total = 1.0 + likelihood[a]
             for q in range(rival_start[a], rival_start[a + 1]):
                 total += odds[q] * likelihood[rival[q]]
             belief[a] = likelihood[a] / total
+            matched[segment[a]] += belief[a]
         if turn == rounds:
             break
+        last = -1
         for a in range(len(own)):
             i = segment[a]
-            told = alone[i]
+            if i != last:
+                # A neighbour that has a disparity speaks against all others; one that has none says nothing.
+                silent, last = 0.0, i
+                for m in range(NEIGHBOURS):
+                    o = near.other[i, m]
+                    alone[m] = 1.0 - same[i, m] * min(matched[o], 1.0) if o >= 0 else 1.0
+                    silent += near.worth[i, m] * np.log(alone[m])
+            told = silent
             for g in range(start[a], start[a + 1]):
                 m, part = column[g], 0.0
                 for q in range(first[g], first[g + 1]):
                     part += ratio[q] * belief[who[q]]
-                told += near.worth[i, m] * np.log(1.0 + odds_same[i, m] * part)
+                told += near.worth[i, m] * np.log(1.0 + same[i, m] * part / alone[m])
             score[a] = own[a] + told
     return score, belief
 
