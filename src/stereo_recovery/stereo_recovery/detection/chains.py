@@ -11,7 +11,7 @@ from msgs_py.numeric.typed import BoolArray, ByteArray, Float32Array, FloatArray
 
 from . import chain_kernels
 from .edgel_kernels import Maxima
-from .edgels import Edgels, described, maxima
+from .edgels import Edgels, Slopes, described, maxima
 from .noise import NoiseMap
 from .settings import BESIDE_FINER, LEAST_EDGELS, MOST_COVERED, PROMINENCE, SEGMENT_EXCESS
 
@@ -99,7 +99,7 @@ def chains_of(
     detector: str,
     sigma: float,
     thresholds: tuple[float, float],
-    noise: NoiseMap | float | None = None,
+    noise: NoiseMap | float | Slopes | None = None,
     border: BoolArray | None = None,
 ) -> EdgeChains:
     """Edge chains of an image at one scale.
@@ -113,7 +113,7 @@ def chains_of(
         Pixels. Gaussian smoothing.
     thresholds : (float, float), grey levels per pixel
         Least magnitude of an edgel, and what a chain exceeds somewhere, see :func:`link`; raised by noise.
-    noise : NoiseMap or float, optional
+    noise : NoiseMap, float or Slopes, optional
         See :func:`.edgels.maxima`.
     border : (h, w) bool, optional
         Where no edgels count.

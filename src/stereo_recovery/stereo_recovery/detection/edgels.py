@@ -194,6 +194,33 @@ def noise_level(grey: Float32Array) -> float:
     return max(QUANTISATION_NOISE, float(np.median(response)) / (NORMAL_QUARTILE * KERNEL_NORM))
 
 
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """The derivatives of a smoothed image.
+
+    Attributes
+    ----------
+    gx, gy : (h, w) float32, grey levels per pixel
+        Along rows and columns.
+    noise : NoiseMap
+        Of either.
+    """
+
+    gx: Float32Array
+    gy: Float32Array
+    noise: NoiseMap
+
+
+def slopes_of(grey: Float32Array, detector: str, sigma: float, noise: NoiseMap | float | None = None) -> Slopes:
+    """Derivatives of an image, with their noise; arguments as of :func:`maxima`."""
+    gx, gy = gradient(grey, detector, sigma)
+    if noise is None:
+        noise = measured_response(gx, gy, sigma)
+    elif not isinstance(noise, NoiseMap):
+        noise = NoiseMap.uniform(white_response(noise, sigma), (grey.shape[0], grey.shape[1]))
+    return Slopes(gx, gy, noise)
+
+
 # Where it was looked for before it had a module of its own.
 gradient_noise = white_response
 
@@ -303,7 +330,7 @@ def maxima(
     detector: str = 'canny',
     sigma: float = 1.0,
     threshold: float = 1.0,
-    noise: NoiseMap | float | None = None,
+    noise: NoiseMap | float | Slopes | None = None,
 ) -> Maxima:
     """Where the gradient is largest across its own direction and stands out of the noise.
 
@@ -316,8 +343,9 @@ def maxima(
         Pixels. Of the smoothing.
     threshold : float
         Grey levels per pixel. Least gradient magnitude; where the picture is noisy, WEAKEST sigma of the noise.
-    noise : NoiseMap or float, optional
-        Of the derivatives; or grey levels, of the image, differing from pixel to pixel. Measured when it is not given.
+    noise : NoiseMap, float or Slopes, optional
+        Of the derivatives; or grey levels, of the image, differing from pixel to pixel; or with the derivatives
+        themselves, which are not taken again then. Measured when it is not given.
 
     Returns
     -------
@@ -334,11 +362,8 @@ def maxima(
     if min(grey.shape) < SMALLEST_IMAGE:
         pairs, numbers = np.zeros((0, 2)), np.zeros(0)
         return Maxima(pairs, pairs, numbers, numbers, numbers, pairs, numbers)
-    gx, gy = slopes = gradient(grey, detector, sigma)
-    if noise is None:
-        noise = measured_response(gx, gy, sigma)
-    elif not isinstance(noise, NoiseMap):
-        noise = NoiseMap.uniform(white_response(noise, sigma), (grey.shape[0], grey.shape[1]))
+    slopes = noise if isinstance(noise, Slopes) else slopes_of(grey, detector, sigma, noise)
+    gx, gy, noise = slopes.gx, slopes.gy, slopes.noise
     if detector == 'marr-hildreth':
         smooth, _ = gaussian_kernels(sigma)
         laplacian = cv2.Laplacian(_filtered(grey, smooth, smooth), cv2.CV_32F, borderType=cv2.BORDER_REPLICATE)
@@ -352,7 +377,7 @@ def maxima(
             squared += gy * gy
         logarithm = np.asarray(cv2.log(squared + LOGARITHM_FLOOR * least.min() ** 2), np.float32)
         position, slope, magnitude, response, width = edgel_kernels.ridge_maxima(
-            slopes, squared, logarithm, least, noise.sigma, noise.tile
+            (gx, gy), squared, logarithm, least, noise.sigma, noise.tile
         )
     distance = FLANK_DISTANCE * edgel_kernels.usual_width(width, response, magnitude, sigma)
     flanks, saddle = edgel_kernels.flanking_gradients(gx, gy, position, slope, distance)

@@ -113,6 +113,26 @@ SIDESTEP, SIDESTEP_SHARE = 1.2, 0.3
 # Cost of a px beside the tangents over that of a px along them. [R]
 SIDESTEP_COST = 2.0
 
+# -- growing -----------------------------------------------------------------------------------------------------------
+
+# Share of a segment's usual contrast that is looked for beyond its ends. [R] Shading changes it along an edge.
+GROWN_SHARE = 0.5
+# Contrast, in sigma of the gradient's noise, that chains do not lose: edgels have WEAKEST, to three sigma. [D] Where a
+# segment would show more beyond its end, it has ended.
+CHAINED = WEAKEST + 3.0
+# Log likelihood ratio that a stretch beyond an end has to have, and by which it may fall again before it ends. [D]
+# Noise alone reaches it at one end in twenty.
+GROWN_EVIDENCE = 3.0
+# Variance of the gradient less the mean of that on both flanks, over that of the gradient. [D] 1 + 2 / 4
+FLANKED_VARIANCE = 1.5
+# px^2: variance across a line to which it is followed. [D] Half a px beside its middle a step has nine tenths of its
+# slope.
+FOLLOWED_VARIANCE = 0.25
+# Sine of the angle between a line and one that it runs into and that goes on with it. [R]
+RUNS_INTO_SINE = 0.2
+# So often segments are fitted again and followed farther. [R] bounds the time
+GROWING_ROUNDS = 2
+
 # -- splitting ---------------------------------------------------------------------------------------------------------
 
 # Variance of an edgel's offset from the mean of two others, over that of one edgel. [D] 1 + 1/2

@@ -14,7 +14,8 @@ from msgs_py.numeric.typed import Float32Array
 from .border import beside_border
 from .chains import chains_of, completed
 from .conics import Ellipse
-from .edgels import Edgels
+from .edgels import Edgels, slopes_of
+from .growing import grown
 from .junctions import spurious
 from .segments import Segments
 from .settings import (
@@ -76,8 +77,9 @@ def detect_view(grey: Float32Array, detector: str, sigma: float, low: float, hig
     """
     reach = int(np.ceil(KERNEL_RADIUS * sigma))
     border = beside_border(grey, reach)
-    chains = chains_of(grey, detector, sigma, (low, high), border=border)
-    reduced = grey
+    slopes = slopes_of(grey, detector, sigma)
+    chains = chains_of(grey, detector, sigma, (low, high), slopes, border)
+    reduced, outside = grey, border
     for scale in range(1, SCALES):
         if min(reduced.shape) < 2 * SMALLEST_IMAGE:
             break
@@ -89,6 +91,7 @@ def detect_view(grey: Float32Array, detector: str, sigma: float, low: float, hig
         chains = completed(chains, coarse, grey.shape, high / factor)
     tolerance = float(np.clip(TOLERANCE_NOISE * localisation_noise(chains), LEAST_TOLERANCE, MOST_TOLERANCE))
     ordered, segments, ellipses = split(chains, tolerance, sigma)
+    ordered, segments = grown(ordered, segments, slopes, sigma, tolerance, outside)
     return View(grey, ordered, segments, ellipses)
 
 
