@@ -542,3 +542,12 @@ def test_an_edge_that_stops_at_an_contour_has_no_corner_there():
         RIG,
     )
     assert junctions[0].t_junction[2].tolist() == [True, False]
+
+
+@pytest.mark.filterwarnings('error')
+def test_a_rim_that_reaches_behind_the_camera_has_no_contours():
+    """Its picture is a hyperbola."""
+    rim = curve([0.01, 0.0, 0.01], [0.0, -1.0, -0.1])
+    _, segments = _edge([0.0, 0.0, 0.2], [0.01, 0.02, 0.25])
+    first = np.array([0])
+    assert not on_contours((first, first), segments, [CurvedSurface.cylinder(rim)], RIG).any()

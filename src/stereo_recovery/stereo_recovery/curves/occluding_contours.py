@@ -207,9 +207,13 @@ def _sides(near: BoolArray, low: FloatArray, high: FloatArray, segments: Segment
 
 
 def _image_radius(conic: FloatArray) -> float:
-    """Pixels: the major radius of an image conic (3, 3)."""
+    """Pixels: the major radius of an image conic (3, 3); below all lengths where it is no ellipse."""
     block = conic[:2, :2]
-    return float(np.sqrt(np.abs(np.linalg.det(conic) / np.linalg.det(block)) / np.linalg.eigvalsh(block)[0]))
+    least = np.linalg.eigvalsh(block)[0]
+    # A rim that reaches behind the camera shows a hyperbola, at which no contour can be said to begin.
+    if least <= 0.0:
+        return -np.inf
+    return float(np.sqrt(np.abs(np.linalg.det(conic) / np.linalg.det(block)) / least))
 
 
 @dataclass(frozen=True, eq=False)
