@@ -7,10 +7,13 @@ that it follows from what is said.
 
 from __future__ import annotations
 
+import math
+
 # -- what is reported --------------------------------------------------------------------------------------------------
 
-# Largest three sigma bound across an edge, as a share of its length. [R]
-MOST_ERR_PER = 0.4
+# Largest three sigma bound across an edge, as a share of its length. [D] With it at both ends the edge's direction is
+# known to 45 degrees.
+MOST_ERR_PER = math.sqrt(0.5)
 
 # -- where edges end ---------------------------------------------------------------------------------------------------
 
