@@ -10,10 +10,10 @@ import numpy as np
 from msgs_py.numeric.typed import AnyArray, FloatArray
 
 from .cameras.photon_transfer import PhotonTransfer, photon_transfer
-from .detection.edge_spread import EdgeSpread, edge_spread
-from .detection.settings import GREEN_PIXELS, MEASURED_SHIFT, MIDDLE_GREY, TOLD_APART
 from .detection.view import detect_view
+from .edge_spread import EdgeSpread, edge_spread
 from .params import RecoveryParams
+from .settings import GREEN_PIXELS, MEASURED_SHIFT, MIDDLE_GREY, TOLD_APART
 
 
 @dataclass(frozen=True, eq=False)

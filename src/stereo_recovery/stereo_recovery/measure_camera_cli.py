@@ -11,8 +11,8 @@ from typing import Any
 from msgs_py.commands import DONE, NOTHING, CommandParser, add_json, run_command
 
 from .camera_measurement import CameraMeasurement, measure_camera
-from .detection.settings import GREEN_PIXELS
 from .pair_files import read_image
+from .settings import GREEN_PIXELS
 
 
 def measure_camera_parser() -> argparse.ArgumentParser:

@@ -26,7 +26,6 @@ from .curves.orientation import oriented_by_faces
 from .detection.conics import sampson
 from .detection.edgels import Edgels, as_grey, blur_variance
 from .detection.segments import Segments
-from .detection.turned import turned_view
 from .detection.view import View, detect_view, detect_views
 from .edges.all_views import all_views
 from .edges.further_views import ViewLines
@@ -47,6 +46,7 @@ from .matching.merging import join_matched, split_matched
 from .matching.rig_error import PairRows, RigError, rig_error
 from .matching.row_error import fitted_error, row_witnesses
 from .matching.stereo_segments import StereoSegments
+from .matching.turned import turned_view
 from .params import RecoveryParams
 from .settings import (
     COLUMNS_OVER_ROWS,

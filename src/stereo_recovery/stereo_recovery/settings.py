@@ -46,3 +46,21 @@ LEAST_SIDE = 32
 # Pairs whose word on the drift of the rig is kept, and the time from one to the next, seconds: those between show the
 # same scene and say the same.
 RIG_PAIRS, RIG_PERIOD_S = 30, 1.0
+
+# -- measuring a camera ------------------------------------------------------------------------------------------------
+
+# Grey level at which noise is stated; share of the variance there below which its error has to be for gain and read
+# noise to be told apart.
+MIDDLE_GREY, TOLD_APART = 127.5, 0.25
+# px: shift between two pictures that is more than noise makes of a picture with edges.
+MEASURED_SHIFT = 0.05
+# Rows and columns, in the upper left 2 x 2, of the green pixels of mosaics (sensor_msgs/image_encodings).
+GREEN_PIXELS = {'rggb': ((0, 1), (1, 0)), 'bggr': ((0, 1), (1, 0)), 'gbrg': ((0, 0), (1, 1)), 'grbg': ((0, 0), (1, 1))}
+# Edges whose profile is fitted: px, at least EDGE_LENGTH long within what is looked at, on EDGE_REACH to either side;
+# bent by at most EDGE_SAGITTA, and slanted so far that they cross EDGE_PHASES rows or columns; the strongest MOST_EDGES
+# of them, and at least FEWEST_EDGES.
+EDGE_LENGTH, EDGE_REACH, EDGE_SAGITTA, EDGE_PHASES, MOST_EDGES, FEWEST_EDGES = 12.0, 6.0, 0.3, 1.0, 60, 3
+# Least step: grey levels, and in sigmas of a pixel. What a fitted profile may leave besides noise, share of the step.
+EDGE_CONTRAST, EDGE_CONTRAST_NOISE, PROFILE_ERROR = 20.0, 8.0, 0.02
+# px: least blur that a profile is fitted with; nodes along each side of a pixel at which the profile is averaged.
+LEAST_PSF, PIXEL_NODES = 0.02, 4

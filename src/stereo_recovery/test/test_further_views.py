@@ -8,11 +8,11 @@ import pytest
 from msgs_py import CameraRig, PinholeCamera, Pose, StereoRig
 from stereo_recovery.cameras.pairs import camera_pair
 from stereo_recovery.detection.segments import Segments
-from stereo_recovery.detection.turned import turned
 from stereo_recovery.edges.further_views import joint_lines, view_lines
 from stereo_recovery.matching.further_views import FurtherView
 from stereo_recovery.matching.matches import Matches
 from stereo_recovery.matching.stereo_segments import StereoSegments
+from stereo_recovery.matching.turned import turned
 
 CAMERA = PinholeCamera(640, 480, 700.0, 710.0, 310.0, 245.0)
 PAIR = StereoRig.symmetric(CAMERA, 0.1)

@@ -16,11 +16,11 @@ from msgs_py.numeric.typed import Float32Array, FloatArray, IntArray
 
 from ..cameras.pairs import CameraPair
 from ..detection.segments import Segments
-from ..detection.turned import TurnedSegments, in_view, turned
 from ..params import RecoveryParams
 from .labelling import match
 from .row_error import row_error
 from .stereo_segments import StereoSegments
+from .turned import TurnedSegments, in_view, turned
 
 
 @dataclass(frozen=True, eq=False)

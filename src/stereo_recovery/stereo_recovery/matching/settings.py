@@ -139,3 +139,8 @@ CALIBRATION_ROW_SIGMA = 0.1
 ROW_CELL = 128.0
 # Share of checks in which a rig in order is said to have drifted: three sigma of one number.
 DRIFT_FALSE_ALARM = 0.0027
+
+# -- turned pictures ---------------------------------------------------------------------------------------------------
+
+# Cosine, about, of the angle from straight ahead at which a turned picture still shows a pixel of the one before.
+NEAREST_RAY = 0.1

@@ -16,7 +16,7 @@ import numpy as np
 
 from msgs_py.numeric.typed import BoolArray, FloatArray
 
-from .segments import Segments
+from .detection.segments import Segments
 from .settings import (
     EDGE_CONTRAST,
     EDGE_CONTRAST_NOISE,

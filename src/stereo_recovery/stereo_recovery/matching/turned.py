@@ -12,11 +12,11 @@ import numpy as np
 
 from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray
 
-from .conics import Ellipse
-from .edgels import Edgels
-from .segments import Segments
+from ..detection.conics import Ellipse
+from ..detection.edgels import Edgels
+from ..detection.segments import Segments
+from ..detection.view import View
 from .settings import NEAREST_RAY
-from .view import View
 
 
 @dataclass(frozen=True, eq=False)
