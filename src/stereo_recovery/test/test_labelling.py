@@ -90,7 +90,7 @@ def test_parts_of_one_edge_that_recedes_are_one_however_wide_the_gap_between_the
 
 
 def test_a_short_part_of_a_nearly_level_edge_is_matched_by_its_rows():
-    """Twenty columns of an edge that gains a row in fifteen, of which the other image shows all."""
+    """Thirty columns of an edge that gains a row in fifteen, of which the other image shows all."""
     left = table(((150.0, 60.0), (180.0, 62.0)))
     right = table(((60.0, 58.0), (180.0, 66.0)))
     value = candidates(left, right).value

@@ -9,7 +9,7 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray, Int32Array
 
-from .sampling import bilinear_pair
+from .sampling import Pair, bilinear_pair, slope_along
 from .settings import (
     ALIASED_BLUR_VARIANCE,
     ALIASED_POSITION_FLOOR,
@@ -230,15 +230,11 @@ def zero_crossings(
 
 
 @njit
-def _gradient_beside(
-    gx: Float32Array, gy: Float32Array, position: FloatArray, normal: tuple[float, float], away: float
-) -> float:
+def _gradient_beside(gx: Float32Array, gy: Float32Array, position: FloatArray, normal: Pair, away: float) -> float:
     """The gradient (h, w) along a normal, so many pixels along it from a position (2,); at the border, there."""
     x = min(max(position[0] + away * normal[0], 0.0), gx.shape[1] - LAST_POSITION)
     y = min(max(position[1] + away * normal[1], 0.0), gx.shape[0] - LAST_POSITION)
-    gu, gv = bilinear_pair(gx, gy, x, y)
-    along: float = gu * normal[0] + gv * normal[1]
-    return along
+    return float(slope_along(gx, gy, x, y, normal))
 
 
 @njit(nogil=True)
@@ -297,6 +293,16 @@ def usual_width(width: FloatArray, response: FloatArray, magnitude: FloatArray, 
     return max(np.median(clear[:count]), sigma) if count else sigma
 
 
+@njit
+def position_factor(width: float, sigma: float) -> float:
+    """An edgel's position error, pixels, over the noise of its gradient as a share of the gradient.
+
+    It is what noise that differs from pixel to pixel would do, had it the same effect on the derivatives. width : of
+    the blurred step, sigma : of the smoothing, pixels
+    """
+    return float(np.sqrt(POSITION_FACTOR) * (width / sigma) ** 3 * (2.0 * sigma**2 / width))
+
+
 @njit(nogil=True)
 def described(found: Maxima, order: Int32Array, sigma: float) -> tuple[FloatArray, ...]:
     """Some maxima (m,) as edgels, with their uncertainty: the fields of :class:`.edgels.Edgels` in their order.
@@ -314,8 +320,7 @@ def described(found: Maxima, order: Int32Array, sigma: float) -> tuple[FloatArra
     # A picture with one sample a pixel has staircase edges; every camera blurs more than that.
     aliased = total**2 < sigma**2 + ALIASED_BLUR_VARIANCE
     floor = ALIASED_POSITION_FLOOR if aliased else POSITION_FLOOR
-    # What noise that differs from pixel to pixel would do, had it the same effect on the derivatives.
-    factor = np.sqrt(POSITION_FACTOR) * (total / sigma) ** 3 * (2.0 * sigma**2 / total)
+    factor = position_factor(total, sigma)
     for k in range(n):
         i = order[k]
         across[k] = response[k] / size[k]

@@ -6,16 +6,15 @@ enough: many pixels together show whether the picture goes on with its contrast.
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import numpy as np
 
 from msgs_py.numeric.typed import BoolArray, IntArray
 
+from .edgel_kernels import position_factor
 from .edgels import Edgels, Slopes
 from .growing_kernels import Grown, Picture, grow
-from .segments import Segments, fit_segments
-from .settings import DIRECTED_LENGTH, FLANK_DISTANCE, GROWING_ROUNDS, POSITION_FACTOR
+from .segments import Segments, fit_segments, laid_out
+from .settings import DIRECTED_LENGTH, FLANK_DISTANCE, GROWING_ROUNDS
 from .splitting import join_collinear
 
 
@@ -50,15 +49,14 @@ def grown(
     picture = Picture(slopes.gx, slopes.gy, slopes.noise.sigma, slopes.noise.tile, FLANK_DISTANCE * width)
     order = np.flatnonzero(directed)
     marked = _marked(e, segments, slopes.gx.shape, border)
-    anything = False
+    given = segments
     for _ in range(GROWING_ROUNDS):
         found = grow(picture, segments.lines, order[np.argsort(-segments.length[order], kind='stable')], marked)
         order = np.unique(found.owner)
         if len(order) == 0:
             break
         e, segments = _with(e, segments, found, width, sigma)
-        anything = True
-    return join_collinear(e, segments, sigma, tolerance) if anything else (e, segments)
+    return (e, segments) if segments is given else join_collinear(e, segments, sigma, tolerance)
 
 
 def _marked(e: Edgels, segments: Segments, shape: tuple[int, int], border: BoolArray | None) -> IntArray:
@@ -75,12 +73,11 @@ def _with(e: Edgels, segments: Segments, found: Grown, width: float, sigma: floa
     order = np.lexsort((found.step, found.owner))
     owner, step, across = found.owner[order], found.step[order], (found.noise / found.magnitude)[order]
     direction = segments.direction[owner]
-    factor = np.sqrt(POSITION_FACTOR) * (width / sigma) ** 3 * (2.0 * sigma**2 / width)
     more = Edgels(
         found.position[order],
         np.arctan2(direction[:, 0], -direction[:, 1]),
         found.magnitude[order],
-        factor * across,
+        position_factor(width, sigma) * across,
         across,
         np.full(len(order), width),
         np.zeros(len(order)),
@@ -88,11 +85,8 @@ def _with(e: Edgels, segments: Segments, found: Grown, width: float, sigma: floa
     )
     at = segments.bounds[owner, (step > 0).astype(np.intp)]
     every = Edgels.concatenate([e, more]).select(np.insert(np.arange(len(e)), at, len(e) + np.arange(len(order))))
-    last = np.cumsum(segments.bounds[:, 1] - segments.bounds[:, 0] + np.bincount(owner, minlength=len(segments)))
-    bounds = np.stack([np.append(0, last[:-1]), last], axis=1)
+    count = segments.bounds[:, 1] - segments.bounds[:, 0] + np.bincount(owner, minlength=len(segments))
+    bounds = laid_out(count)
     changed = np.unique(owner)
     fitted = fit_segments(every, bounds[changed], segments.chain[changed], sigma)
-    result = {f.name: getattr(segments, f.name).copy() for f in fields(Segments)}
-    for name, values in result.items():
-        values[changed] = getattr(fitted, name)
-    return every, Segments(**{**result, 'bounds': bounds})
+    return every, segments.exchanged(changed, fitted, bounds)

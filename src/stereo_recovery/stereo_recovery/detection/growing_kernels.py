@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import Float32Array, FloatArray, Int32Array, IntArray
 
 from .line_kernels import Lines, length_of, point_at, sine_of, variance_at
-from .sampling import bilinear_pair
+from .sampling import Pair, slope_along
 from .settings import (
     CHAINED,
     CORNER_TRIM,
@@ -22,9 +22,6 @@ from .settings import (
     MEDIAN_SAMPLES,
     RUNS_INTO_SINE,
 )
-
-# A normal in the image.
-Pair: TypeAlias = tuple[float, float]
 
 
 class Picture(NamedTuple):
@@ -80,8 +77,7 @@ def _inside(picture: Picture, x: float, y: float) -> bool:
 @njit
 def _across(picture: Picture, x: float, y: float, n: Pair) -> float:
     """Gradient along a normal n at a point."""
-    gu, gv = bilinear_pair(picture.gx, picture.gy, x, y)
-    return float(gu * n[0] + gv * n[1])
+    return float(slope_along(picture.gx, picture.gy, x, y, n))
 
 
 @njit

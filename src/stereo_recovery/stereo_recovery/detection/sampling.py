@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import Float32Array
+
+# A place or a vector in an image, pixels.
+Pair: TypeAlias = tuple[float, float]
 
 
 @njit
@@ -30,3 +35,11 @@ def bilinear_pair(first: Float32Array, second: Float32Array, u: float, v: float)
         w00 * first[y, x] + w01 * first[y, x + 1] + w10 * first[y + 1, x] + w11 * first[y + 1, x + 1],
         w00 * second[y, x] + w01 * second[y, x + 1] + w10 * second[y + 1, x] + w11 * second[y + 1, x + 1],
     )
+
+
+@njit
+def slope_along(gx: Float32Array, gy: Float32Array, u: float, v: float, normal: Pair) -> float:
+    """The gradient (h, w) along a normal, at a place as of :func:`bilinear`."""
+    gu, gv = bilinear_pair(gx, gy, u, v)
+    along: float = gu * normal[0] + gv * normal[1]
+    return along

@@ -90,6 +90,13 @@ class Segments:
         """A subset or reordering: (m,) indices or (n,) bool."""
         return Segments(*(getattr(self, f.name)[index] for f in fields(self)))
 
+    def exchanged(self, index: IntArray, others: Segments, bounds: IntArray) -> Segments:
+        """All of them with ``bounds`` (n, 2), those at indices (m,) exchanged for m others."""
+        result = {f.name: getattr(self, f.name).copy() for f in fields(self)}
+        for name, values in result.items():
+            values[index] = getattr(others, name)
+        return Segments(**{**result, 'bounds': bounds})
+
     @property
     def start(self) -> FloatArray:
         """(n, 2) float64, pixels."""
@@ -110,6 +117,12 @@ class Segments:
         """The lines as compiled loops take them."""
         arrays = (np.ascontiguousarray(a) for a in (self.centre, self.direction, self.extent, self.sigma))
         return line_kernels.Lines(*arrays)
+
+
+def laid_out(count: IntArray) -> IntArray:
+    """(n, 2) int: bounds [first, last) of runs of so many (n,) edgels that stand one after another."""
+    last = np.cumsum(count)
+    return np.stack([last - count, last], axis=1)
 
 
 def ends_exchanged(values: AnyArray, flip: BoolArray) -> AnyArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from . import chain_kernels, splitting_kernels
 from .chains import EdgeChains
 from .conics import Ellipse, find_arcs
 from .edgels import Edgels
-from .segments import Segments, fit_segments
+from .segments import Segments, fit_segments, laid_out
 from .settings import (
     BENT_TOLERANCES,
     FEW_EDGELS,
@@ -105,10 +105,8 @@ def _significant(e: Edgels, segments: Segments) -> tuple[Edgels, Segments]:
     kept = np.flatnonzero(clear | (segments.arc >= 0))
     if len(kept) == len(segments):
         return e, segments
-    bounds = segments.bounds[kept]
-    last = np.cumsum(bounds[:, 1] - bounds[:, 0])
-    own = np.stack([last - (bounds[:, 1] - bounds[:, 0]), last], axis=1)
-    return e.select(_edgels_of(bounds)), replace(segments.select(kept), bounds=own)
+    own = segments.select(kept)
+    return e.select(_edgels_of(own.bounds)), replace(own, bounds=laid_out(own.bounds[:, 1] - own.bounds[:, 0]))
 
 
 def join_collinear(e: Edgels, segments: Segments, sigma: float, tolerance: float) -> tuple[Edgels, Segments]:
@@ -140,7 +138,7 @@ def join_collinear(e: Edgels, segments: Segments, sigma: float, tolerance: float
     firsts = np.flatnonzero(place[member] == 0)
     run = np.repeat(np.arange(len(firsts)), np.diff(firsts, append=len(member)))
     parts = segments.select(member)
-    bounds = _laid_out(parts.bounds, firsts)
+    bounds = _of_runs(parts.bounds, firsts)
     whole = fit_segments(e.select(_edgels_of(parts.bounds)), bounds, parts.chain[firsts], sigma)
     # Two edges that meet at a slight angle may be joined through a short segment between them that fits either.
     bent = _bent(parts, whole, run, BENT_TOLERANCES * tolerance)
@@ -169,13 +167,12 @@ def _edgels_of(bounds: IntArray) -> IntArray:
     return every
 
 
-def _laid_out(bounds: IntArray, firsts: IntArray) -> IntArray:
+def _of_runs(bounds: IntArray, firsts: IntArray) -> IntArray:
     """(m, 2): bounds of runs of segments once the edgels of all segments, [first, last) each, stand one after another.
 
     firsts : (m,) the segment that each run begins with
     """
-    last = np.cumsum(bounds[:, 1] - bounds[:, 0])[np.append(firsts[1:], len(bounds)) - 1]
-    return np.stack([np.append(0, last[:-1]), last], axis=1)
+    return laid_out(np.add.reduceat(bounds[:, 1] - bounds[:, 0], firsts))
 
 
 def _with_joined(
@@ -187,9 +184,6 @@ def _with_joined(
     """
     firsts = np.flatnonzero(place[order] == 0)
     bounds = segments.bounds[order]
-    result = {f.name: getattr(segments, f.name)[order[firsts]] for f in fields(Segments)}
-    row = np.flatnonzero(np.diff(firsts, append=len(order)) > 1)
-    for name, values in result.items():
-        values[row] = getattr(whole, name)
-    result['bounds'] = _laid_out(bounds, firsts)
-    return e.select(_edgels_of(bounds)), Segments(**result)
+    joined = np.flatnonzero(np.diff(firsts, append=len(order)) > 1)
+    result = segments.select(order[firsts]).exchanged(joined, whole, _of_runs(bounds, firsts))
+    return e.select(_edgels_of(bounds)), result

@@ -79,19 +79,19 @@ def detect_view(grey: Float32Array, detector: str, sigma: float, low: float, hig
     border = beside_border(grey, reach)
     slopes = slopes_of(grey, detector, sigma)
     chains = chains_of(grey, detector, sigma, (low, high), slopes, border)
-    reduced, outside = grey, border
+    reduced = grey
     for scale in range(1, SCALES):
         if min(reduced.shape) < 2 * SMALLEST_IMAGE:
             break
         reduced = _halved(reduced)
-        border = None if border is None else beside_border(reduced, reach)
-        coarse = chains_of(reduced, detector, sigma, (low, high), border=border)
+        beside = None if border is None else beside_border(reduced, reach)
+        coarse = chains_of(reduced, detector, sigma, (low, high), border=beside)
         factor = 2.0**scale
         coarse = replace(coarse, edgels=coarse.edgels.magnified(factor, sigma))
         chains = completed(chains, coarse, grey.shape, high / factor)
     tolerance = float(np.clip(TOLERANCE_NOISE * localisation_noise(chains), LEAST_TOLERANCE, MOST_TOLERANCE))
     ordered, segments, ellipses = split(chains, tolerance, sigma)
-    ordered, segments = grown(ordered, segments, slopes, sigma, tolerance, outside)
+    ordered, segments = grown(ordered, segments, slopes, sigma, tolerance, border)
     return View(grey, ordered, segments, ellipses)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.robust import NORMAL_QUARTILE
 from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray, Int32Array
 
+from ..detection.sampling import Pair
 from .settings import (
     BORDER,
     BOTH_SIDES,
@@ -37,8 +38,6 @@ from .settings import (
     STEEPEST,
 )
 
-# A place or a vector in an image, pixels.
-Pair: TypeAlias = tuple[float, float]
 # Disparities that are tried for one pair: of a level one by both ends, by the first, by the last; and by its rows.
 BY_ROWS = 3
 
