@@ -24,6 +24,7 @@ from .curves.observations import StereoEdgels
 from .curves.occluding_contours import on_contours
 from .curves.orientation import oriented_by_faces
 from .detection.conics import sampson
+from .detection.edgel_kernels import position_factor
 from .detection.edgels import Edgels, as_grey, blur_variance
 from .detection.segments import Segments
 from .detection.view import View, detect_view, detect_views
@@ -494,6 +495,7 @@ def compile_steps() -> tuple[CompileStep, ...]:
         grey = as_grey(disc, 'left')
         view = detect_view(grey, params.detector, params.sigma, params.low, params.high)
         DenseDisparity(grey, grey, 0.0, 16.0).log_ratio(np.zeros((1, 2), np.int32), np.zeros((1, 9)), view.segments)
+        position_factor(1.0, 1.0)
         sampson(np.diag([1.0, 1.0, -1.0]), np.zeros((1, 2)))
         same_contrast(contrast_across(grey, np.zeros(2), np.ones(2)), 1.0)
         seen = StereoEdgels(view.edgels, view.edgels, rig, 1.0).seen
