@@ -34,7 +34,7 @@ from .edges.hiding import hidden_ends
 from .edges.joining import join_parts
 from .edges.joining_kernels import contrast_across, same_contrast
 from .edges.lines3d import EdgesInSpace, Lines3D, to_space, with_rig_error
-from .edges.selection import is_edge
+from .edges.selection import is_edge, on_curves
 from .edges.straight_edges import Beside, edges
 from .edges.tangency import joined_ends
 from .edges.texture_matching import seen_by_texture
@@ -297,7 +297,9 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     watch.stage('lines')
     in_space = to_space(lines, line_segments[0], rig)
     kept = is_edge(lines, in_space, line_segments, shapes.curves, params.min_length)
-    curves = oriented_by_faces(shapes.reported, in_space.ends[kept], in_space.err_per[kept])
+    curves = shapes.in_faces((in_space.ends[kept], in_space.covariance[kept]), stereo_edgels)
+    kept &= ~on_curves(lines, line_segments, curves)
+    curves = oriented_by_faces(curves, in_space.ends[kept], in_space.err_per[kept])
     in_space = with_rig_error(in_space, COLUMNS_OVER_ROWS * rows.sigma, rig)
     parts = EdgesInSpace(*join_parts(in_space.ends[kept], in_space.covariance[kept], rig, pair.views[0].grey))
     features = FeatureSet.concatenate(

@@ -450,9 +450,11 @@ def test_one_rim_found_twice_is_one_and_two_rims_are_two():
         right=np.array([1, 1, 0, 0, 0], bool),
     )
     again = replace(rim, centre=rim.centre + 1e-4, left=np.array([0, 0, 0, 1, 0], bool), right=np.zeros(5, bool))
-    ring = replace(rim, radii=0.8 * rim.radii)
-    end = replace(rim, centre=rim.centre + 0.002 * rim.normal)
-    found = distinct([again, rim, ring, end])
+    none = np.zeros(5, bool)
+    ring = replace(rim, radii=0.8 * rim.radii, left=none, right=none)
+    end = replace(rim, centre=rim.centre + 0.002 * rim.normal, left=none, right=none)
+    of_the_same_edgels = replace(rim, centre=rim.centre + 0.002 * rim.normal, right=none)
+    found = distinct([again, rim, ring, end, of_the_same_edgels])
     assert len(found) == 3
     whole = next(c for c in found if c.left.sum() == 4)
     assert np.array_equal(whole.centre, rim.centre)

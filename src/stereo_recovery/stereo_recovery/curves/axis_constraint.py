@@ -76,10 +76,31 @@ def held(curve: Curve, known: Sequence[Curve]) -> Curve:
         for other in better:
             off, slope, covariance = (part[:numbers] for part in off_axis(other, curve))
             if agrees(off, covariance[:, :numbers]):
-                gain = curve.covariance @ slope.T @ np.linalg.inv(covariance[:, :numbers])
-                step = -gain @ off
-                growth = step[5] / curve.radii[0]
-                shape = fit_kernels.moved(curve.shape, np.array([*step[:5], growth, growth, 0.0]), True)
-                spread = curve.covariance - gain @ slope @ curve.covariance
-                return replace(curve.with_shape(CurveShape(*shape)), covariance=0.5 * (spread + spread.T))
+                return updated(curve, off, slope, covariance[:, :numbers])
     return curve
+
+
+def updated(curve: Curve, off: FloatArray, slope: FloatArray, covariance: FloatArray) -> Curve:
+    """A circle moved by one Kalman update.
+
+    Parameters
+    ----------
+    curve : Curve
+        Left optical frame, metres.
+    off : (m,) float64
+        What should be zero.
+    slope : (m, 6) float64
+        Derivatives by the curve's parameters.
+    covariance : (m, m) float64
+        Of ``off``, by the curve's own error and by all others.
+
+    Returns
+    -------
+    Curve
+    """
+    gain = curve.covariance @ slope.T @ np.linalg.inv(covariance)
+    step = -gain @ off
+    growth = step[5] / curve.radii[0]
+    shape = fit_kernels.moved(curve.shape, np.array([*step[:5], growth, growth, 0.0]), True)
+    spread = curve.covariance - gain @ slope @ curve.covariance
+    return replace(curve.with_shape(CurveShape(*shape)), covariance=0.5 * (spread + spread.T))

@@ -6,17 +6,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from msgs_py.numeric.typed import FloatArray
+
 from ..detection.conics import Ellipse
 from ..detection.segments import Segments
 from ..matching.matches import Matches
 from ..stopwatch import Late, never
 from . import settings
 from .axes import Axis, find_axes
+from .axis_constraint import held
 from .curve import Curve, cross
-from .fit import bounds_surface
+from .faces import in_face
+from .fit import bounds_surface, relative_sigma
 from .observations import StereoEdgels
 from .occluding_contours import CurvedSurface
-from .recovery import recover_curves
+from .recovery import VagueCurve, determined, recover_curves
 from .spheres import without_spheres
 
 
@@ -34,12 +38,30 @@ class CurvedShapes:
         Of those that are known well enough.
     surfaces : list of CurvedSurface
         That any of these may bound.
+    vague : list of VagueCurve
+        Which may be curves, but are not known well enough.
     """
 
     curves: list[Curve]
     reported: list[Curve]
     axes: list[Axis]
     surfaces: list[CurvedSurface]
+    vague: list[VagueCurve]
+
+    def in_faces(self, edges: tuple[FloatArray, FloatArray], edgels: StereoEdgels) -> list[Curve]:
+        """The curves of the object, with those that straight edges determine in whose plane they lie.
+
+        Parameters
+        ----------
+        edges : ((n, 2, 3), (n, 6, 6)) float64
+            Ends, metres, and their covariance.
+        edgels : StereoEdgels
+        """
+        placed = [VagueCurve(in_face(curve, *edges), arcs) for curve, arcs in self.vague]
+        more, rest = determined(sorted(placed, key=lambda each: relative_sigma(each.curve)), self.curves)
+        parallel = [VagueCurve(held(curve, more), arcs) for curve, arcs in rest]
+        more += determined(parallel, [*self.curves, *more])[0]
+        return distinct([*self.reported, *without_spheres(more, edgels)])
 
 
 def recover_curved_shapes(
@@ -68,10 +90,11 @@ def recover_curved_shapes(
     -------
     CurvedShapes
     """
-    curves = distinct(recover_curves(matches, segments, ellipses, edgels, late))
+    found, vague = recover_curves(matches, segments, ellipses, edgels, late)
+    curves = distinct(found)
     rims = without_spheres(curves, edgels)
     axes, surfaces = find_axes([rim for rim in rims if bounds_surface(rim)], segments, edgels.rig)
-    return CurvedShapes(curves, rims, axes, surfaces)
+    return CurvedShapes(curves, rims, axes, surfaces, vague)
 
 
 def distinct(curves: list[Curve]) -> list[Curve]:
@@ -91,11 +114,22 @@ def distinct(curves: list[Curve]) -> list[Curve]:
     kept: list[Curve] = []
     for curve in sorted(curves, key=lambda c: -int(c.left.sum() + c.right.sum())):
         for k, other in enumerate(kept):
-            turn = np.linalg.norm(cross(curve.normal, other.normal))
-            apart = np.append(np.linalg.norm(curve.centre - other.centre), np.abs(curve.radii - other.radii))
-            if max(turn, apart.max() / other.radii[0]) < settings.SAME_RIM:
+            if _shared(curve, other) > settings.SHARED_EDGELS or _apart(curve, other) < settings.SAME_RIM:
                 kept[k] = replace(other, left=other.left | curve.left, right=other.right | curve.right)
                 break
         else:
             kept.append(curve)
     return kept
+
+
+def _shared(curve: Curve, other: Curve) -> float:
+    """Share of a curve's edgels that another one has as well, in the image where that is larger."""
+    masks = (curve.left, other.left), (curve.right, other.right)
+    return max(float((own & its).sum() / max(int(own.sum()), 1)) for own, its in masks)
+
+
+def _apart(curve: Curve, other: Curve) -> float:
+    """By how much two curves differ: centres and radii in radii, normals in radians."""
+    turn = np.linalg.norm(cross(curve.normal, other.normal))
+    apart = np.append(np.linalg.norm(curve.centre - other.centre), np.abs(curve.radii - other.radii))
+    return max(float(turn), float(apart.max() / other.radii[0]))

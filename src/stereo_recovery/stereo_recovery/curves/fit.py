@@ -62,15 +62,15 @@ def distances(curve: Curve, edgels: StereoEdgels, index: IntArray) -> FloatArray
 
 def is_determined(curve: Curve) -> bool:
     """Whether a curve is known well enough to be a feature and to explain edgels."""
-    return _relative_sigma(curve) < settings.DETERMINED_SIGMA
+    return relative_sigma(curve) < settings.DETERMINED_SIGMA
 
 
 def bounds_surface(curve: Curve) -> bool:
     """Whether a curve is known well enough to tell where the axis and the contours of a surface that it bounds are."""
-    return _relative_sigma(curve) < settings.SURFACE_SIGMA
+    return relative_sigma(curve) < settings.SURFACE_SIGMA
 
 
-def _relative_sigma(curve: Curve) -> float:
+def relative_sigma(curve: Curve) -> float:
     """Radii: what the uncertainty of a curve moves its points by, as far as its normal or its size are uncertain."""
     return max(curve.tilt, float(np.sqrt(curve.covariance[5, 5])) / float(curve.radii[0]))
 

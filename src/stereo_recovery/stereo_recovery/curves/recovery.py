@@ -6,7 +6,8 @@ image conics lie on the edgels: six parameters of a circle, eight of an ellipse,
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,13 +25,20 @@ from .initialisation import ArcPair, arc_pairs
 from .observations import StereoEdgels
 
 
+class VagueCurve(NamedTuple):
+    """A curve whose own edgels do not determine it, and the arcs that show it."""
+
+    curve: Curve
+    arcs: ArcPair
+
+
 def recover_curves(
     matches: Matches,
     segments: tuple[Segments, Segments],
     ellipses: tuple[list[Ellipse], list[Ellipse]],
     edgels: StereoEdgels,
     late: Late = never,
-) -> list[Curve]:
+) -> tuple[list[Curve], list[VagueCurve]]:
     """All planar curves of a pair; none shares half of its edgels with another one that was found before.
 
     First come those that their own edgels determine, by falling number of edgels, first of arcs in both images, then of
@@ -52,11 +60,13 @@ def recover_curves(
 
     Returns
     -------
-    list of Curve
+    found : list of Curve
         Left optical frame, metres.
+    vague : list of VagueCurve
+        What nothing determines that was looked at.
     """
     found: list[Curve] = []
-    vague: list[tuple[Curve, ArcPair]] = []
+    vague: list[VagueCurve] = []
     pairs = arc_pairs(matches, segments, ellipses)
     while pairs and not late():
         # Two at once; what the first explains, the second one need not.
@@ -68,16 +78,26 @@ def recover_curves(
             if is_determined(curve):
                 new.append(curve)
             else:
-                vague.append((curve, pair))
+                vague.append(VagueCurve(curve, pair))
         found += new
         pairs = [pair for pair in pairs if not _is_explained(pair, new)]
     known = list(found)
+    held_vague = [] if late() else [VagueCurve(held(curve, known), pair) for curve, pair in vague]
+    more, vague = determined(held_vague, found)
+    return [held(curve, known) for curve in found] + more, vague
+
+
+def determined(vague: Sequence[VagueCurve], found: Sequence[Curve]) -> tuple[list[Curve], list[VagueCurve]]:
+    """Those of some curves that are known well enough, without what others explain, and the rest."""
+    more: list[Curve] = []
+    left = []
     for curve, pair in vague:
-        if not (late() or _is_explained(pair, found)):
-            curve = held(curve, known)
+        if not _is_explained(pair, [*found, *more]):
             if is_determined(curve):
-                found.append(curve)
-    return [held(curve, known) for curve in found]
+                more.append(curve)
+            else:
+                left.append(VagueCurve(curve, pair))
+    return more, left
 
 
 def _is_explained(pair: ArcPair, curves: Iterable[Curve]) -> bool:

@@ -64,6 +64,13 @@ SURFACE_SIGMA = 0.025
 # radians.
 SAME_RIM = 0.04
 
+# ---- Faces -----------------------------------------------------------------------------------------------------------
+# Share of curves that lie in a plane with two edges that are found, and log odds from which a plane is one: twenty to
+# one. Edges that are looked at, the nearest ones; bounds the time.
+FACE_PRIOR = 0.5
+FACE_LOG_ODDS = 3.0
+MOST_FACE_EDGES = 16
+
 # ---- Axes and occluding contours -------------------------------------------------------------------------------------
 # Sigma by which parts of one thing are turned or set up: radians between their axes, and radii off them [R].
 TURNED_SIGMA = 5e-4
