@@ -328,7 +328,8 @@ def survey(
     if isinstance(models, Catalogue):
         # One absent model of so many is reported no more often than a single one would be.
         params = params.replace(false_alarm_rate=_rate_of_each(params, n_models))
-        indexes = candidates(models, data, params, deadline.share(SHARES.searching))
+        picked = candidates(models, data, params, deadline.share(SHARES.searching))
+        indexes = [replace(one, library=n_models) for one in picked]
         if views is not None:
             indexes = [models.outlined(one) for one in indexes]
     else:

@@ -72,4 +72,4 @@ LOOKED_AT = 512
 OBJECTS = 6
 WEIGHED = 48
 # Models that are ready for matching and kept for the next scene.
-KEPT_MODELS = 2000
+KEPT_MODELS = 400

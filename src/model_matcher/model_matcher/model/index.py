@@ -79,6 +79,8 @@ class ModelIndex:
         What of the model a camera sees, when more of it is known than its features.
     frames : dict of str to Pose
         Named frames on the model, model_T_frame.
+    library : int
+        Models of the library out of which a scene has picked this one.
     """
 
     name: str
@@ -95,6 +97,7 @@ class ModelIndex:
     pair_values: np.ndarray
     shape: ModelOutline | None = None
     frames: dict[str, Pose] = field(default_factory=dict)
+    library: int = 1
     _voxels: dict[float, VoxelGrid] = field(default_factory=dict)
     _parallel: list[ParallelPairs] = field(default_factory=list)
 

@@ -55,7 +55,10 @@ class Problem:
 
     @cached_property
     def hypotheses(self) -> float:
-        """What chance may try: each feature alone, and pairs, see :func:`.hypothesis_count.count_hypotheses`."""
+        """What chance may try: each feature alone, and pairs, see :func:`.hypothesis_count.count_hypotheses`.
+
+        Of a library out of which the scene picks a few models, it tries as many in all, not of every model.
+        """
         data, model = self.features, self.model
         may = np.zeros((0, 0), bool)
         # Of edges alone no parallel pair is counted.
@@ -63,7 +66,7 @@ class Problem:
             may = possible(data.rows, data.kind, data.tolerances, model.rows, model.kind, data.radius_tolerance)
         table, parallel, some = distinct_pairs(self.index), self.index.parallel_pairs, self.of_its_kinds
         of_pairs: float = count_hypotheses(model, table, parallel, may, data, some)
-        return len(some) + of_pairs
+        return (len(some) + of_pairs) / self.index.library
 
     @property
     def rows(self) -> np.ndarray:

@@ -11,12 +11,14 @@ Examples
 from __future__ import annotations
 
 import math
+from functools import cache
 
 from .settings import BISECTIONS, BOUND_SIGMA, MAD_TO_SIGMA, NORMAL_QUARTILE
 
 __all__ = ['MAD_TO_SIGMA', 'NORMAL_QUARTILE', 'OUTLYING', 'outlying', 'sigma_from_median']
 
 
+@cache
 def outlying(freedom: int) -> float:
     """Chi squared beyond which a normal error is as rarely as a single number beyond three sigma.
 
