@@ -81,7 +81,7 @@ def held(curve: Curve, known: Sequence[Curve]) -> Curve:
 
 
 def updated(curve: Curve, off: FloatArray, slope: FloatArray, covariance: FloatArray) -> Curve:
-    """A circle moved by one Kalman update.
+    """A curve moved by one Kalman update; the ratio of its radii stays.
 
     Parameters
     ----------

@@ -82,8 +82,9 @@ def recover_curves(
         found += new
         pairs = [pair for pair in pairs if not _is_explained(pair, new)]
     known = list(found)
-    held_vague = [] if late() else [VagueCurve(held(curve, known), pair) for curve, pair in vague]
-    more, vague = determined(held_vague, found)
+    if vague and late():
+        vague = []
+    more, vague = determined([VagueCurve(held(curve, known), pair) for curve, pair in vague], found)
     return [held(curve, known) for curve in found] + more, vague
 
 
