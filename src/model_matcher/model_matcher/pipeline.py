@@ -329,7 +329,7 @@ def survey(
         # One absent model of so many is reported no more often than a single one would be.
         params = params.replace(false_alarm_rate=_rate_of_each(params, n_models))
         picked = candidates(models, data, params, deadline.share(SHARES.searching))
-        indexes = [replace(one, library=n_models) for one in picked]
+        indexes = [models.one_of_all(one) for one in picked]
         if views is not None:
             indexes = [models.outlined(one) for one in indexes]
     else:

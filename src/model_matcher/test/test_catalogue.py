@@ -78,6 +78,13 @@ def test_the_false_alarm_rate_is_that_of_all_models_together(catalogue):
     assert best.chance == pytest.approx(more * alone.chance)
 
 
+def test_what_a_scene_picks_is_made_ready_once(catalogue):
+    model = catalogue.model(17)
+    picked = catalogue.one_of_all(model)
+    assert picked.library == len(catalogue) and model.library == 1
+    assert catalogue.one_of_all(catalogue.model(17)) is picked
+
+
 def test_what_is_not_in_the_index_is_not_found(catalogue):
     scene = make_scene(chair(), 1, clutter=0.5)
     result = survey(catalogue, scene.data)

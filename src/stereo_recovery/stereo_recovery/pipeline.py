@@ -298,9 +298,10 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     in_space = to_space(lines, line_segments[0], rig)
     kept = is_edge(lines, in_space, line_segments, shapes.curves, params.min_length)
     late = watch.late_after(EDGES_SHARE, 'curves: faces that they lie in')
-    faces = in_space.ends[kept], in_space.covariance[kept]
-    curves = shapes.in_faces(faces, stereo_edgels) if shapes.vague and not late() else shapes.reported
-    kept &= ~on_curves(lines, line_segments, curves)
+    curves = shapes.reported
+    if shapes.vague and not late():
+        curves = shapes.in_faces((in_space.ends[kept], in_space.covariance[kept]), stereo_edgels)
+        kept &= ~on_curves(lines, line_segments, curves)
     curves = oriented_by_faces(curves, in_space.ends[kept], in_space.err_per[kept])
     in_space = with_rig_error(in_space, COLUMNS_OVER_ROWS * rows.sigma, rig)
     parts = EdgesInSpace(*join_parts(in_space.ends[kept], in_space.covariance[kept], rig, pair.views[0].grey))

@@ -7,10 +7,11 @@ import json
 import math
 from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from threading import Lock
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -100,6 +101,7 @@ class Catalogue:
     _numbers: dict[str, int] = field(default_factory=dict)
     _files: dict[str, tuple[str, str, str]] | None = None
     _lock: Lock = field(default_factory=Lock)
+    _picked: WeakKeyDictionary[ModelIndex, ModelIndex] = field(default_factory=WeakKeyDictionary)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -128,6 +130,16 @@ class Catalogue:
             while len(self._kept) > KEPT_MODELS:
                 self._kept.popitem(last=False)
         return made
+
+    def one_of_all(self, model: ModelIndex) -> ModelIndex:
+        """A model of this index as one that a scene has picked out of all; the same one as long as the model is kept.
+
+        What is computed once for each ModelIndex is not computed again for the next scene.
+        """
+        with self._lock:
+            if model not in self._picked:
+                self._picked[model] = replace(model, library=len(self))
+            return self._picked[model]
 
     def sources(self) -> Any:
         """Where the models are from, as it was written; raises ValueError when it is no JSON text."""

@@ -92,7 +92,7 @@ def offsets_of(curve: Curve, ends: FloatArray, covariance: FloatArray) -> Offset
 
 
 def _nearest(curve: Curve, ends: FloatArray) -> IntArray:
-    """(k,) int64: the edges that come nearest to a curve's centre, MOST_EDGES at most."""
+    """(k,) int64: the edges that come nearest to a curve's centre, MOST_FACE_EDGES at most."""
     distance = _distance(curve.centre[None, None], ends)[0]
     return np.sort(np.argsort(distance, kind='stable')[: settings.MOST_FACE_EDGES])
 
