@@ -39,6 +39,7 @@ class System(NamedTuple):
     sigma: FloatArray
     prior: FloatArray
     spread: FloatArray
+    with_next: BoolArray
 
 
 class Solution(NamedTuple):
@@ -154,6 +155,25 @@ def probability(s: System, out: Solution, k: int, used: bool) -> float:
 
 
 @njit
+def probability_of_two(s: System, out: Solution, k: int, used: bool) -> float:
+    """The same of factor k, about one edge, and the next one, which hold together."""
+    h, c = s.row[k : k + 2], out.covariance[s.edge[k]]
+    variance, off = h @ c @ h.T, out.residual[k : k + 2].copy()
+    if used:
+        without = np.eye(2) - variance / s.sigma[k : k + 2] ** 2
+        if np.linalg.det(without) < LEAST_REST**2:
+            return float(s.prior[k])  # the others say nothing
+        variance, off = np.linalg.solve(without, variance), np.linalg.solve(without, off)
+    total = variance + np.diag(s.sigma[k : k + 2] ** 2)
+    inlier = (
+        s.prior[k] * np.exp(-0.5 * off @ np.linalg.solve(total, off)) / (2.0 * np.pi * np.sqrt(np.linalg.det(total)))
+    )
+    spread = np.sqrt(s.spread[k : k + 2] ** 2 + 2.0 * np.pi * np.diag(variance))
+    outlier = (1.0 - s.prior[k]) / (spread[0] * spread[1])
+    return float(inlier / (inlier + outlier))
+
+
+@njit
 def first_of_edges(edge: IntArray, other: IntArray, chosen: IntArray, value: FloatArray, best: IntArray) -> IntArray:
     """Chosen factors (c,) than which none has a smaller value (k,) at either of their edges, of equals the first.
 
@@ -235,7 +255,11 @@ def decide(s: System, used: BoolArray) -> tuple[Solution, FloatArray]:
             solve(s, used, edges, factors, out, blocks, room)
             wrongs = freshes = 0
             for f in factors:
-                holds[f] = probability(s, out, f, used[f])
+                if f > 0 and s.with_next[f - 1]:
+                    holds[f] = holds[f - 1]
+                    continue
+                two = s.with_next[f]
+                holds[f] = probability_of_two(s, out, f, used[f]) if two else probability(s, out, f, used[f])
                 value[f] = holds[f] if used[f] else -holds[f]
                 if used[f] and holds[f] < 0.5:
                     wrong[wrongs] = f
@@ -248,4 +272,6 @@ def decide(s: System, used: BoolArray) -> tuple[Solution, FloatArray]:
             for f in first_of_edges(s.edge, s.other, wrong[:wrongs] if wrongs else fresh[:freshes], value, best):
                 removed[f] += used[f]
                 used[f] = not used[f]
+                if s.with_next[f]:
+                    used[f + 1] = used[f]
     return out, holds

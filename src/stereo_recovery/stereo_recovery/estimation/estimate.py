@@ -207,8 +207,10 @@ def told_prior(factors: Factors, known: BoolArray, x: FloatArray, covariance: Fl
     variance = np.einsum('ki,kij,kj->k', told.row, covariance[told.edge], told.row) + told.sigma**2
     odds = told.spread * np.exp(-0.5 * off**2 / variance) / np.sqrt(2.0 * np.pi * variance)
     prior = factors.prior
+    first = np.flatnonzero(~np.append(False, told.with_next)[: len(odds)])
+    odds = np.multiply.reduceat(odds, first) if len(first) else odds
     for _ in range(PRIOR_ROUNDS):
-        share = prior[telling]
+        share = prior[telling][first]
         held = float((share * odds / (share * odds + 1.0 - share)).sum())
         prior = (REDUNDANCY * factors.prior + held) / (REDUNDANCY + len(odds))
     return prior

@@ -9,6 +9,7 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
+from ..detection.sampling import Pair
 from .settings import MOST_SLOPE
 
 
@@ -19,7 +20,7 @@ class Statements(NamedTuple):
     ----------
     first : (n + 1,) int64
         Where each edge's statements begin in ``factor`` and ``mirrored``, (m,).
-    edge, other, row, other_row, value, sigma, prior, spread : (k, ...)
+    edge, other, row, other_row, value, sigma, prior, spread, with_next : (k, ...)
         The factors, see :class:`.factors.Factors`.
     """
 
@@ -34,15 +35,16 @@ class Statements(NamedTuple):
     sigma: FloatArray
     prior: FloatArray
     spread: FloatArray
+    with_next: BoolArray
 
 
 @njit
 def _told(
     s: Statements, e: int, known: BoolArray, x: FloatArray, covariance: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """What known edges say of edge e: factors (q,), rows (q, 2), and value, variance, prior, spread (q, 4)."""
+    """What known edges say of edge e: factors (q,), rows (q, 2), and value, variance, prior, spread, with_next (q, 5)."""
     most = s.first[e + 1] - s.first[e]
-    which, row, number = np.empty(most, np.int64), np.empty((most, 2)), np.empty((most, 4))
+    which, row, number = np.empty(most, np.int64), np.empty((most, 2)), np.empty((most, 5))
     count = 0
     for place in range(s.first[e], s.first[e + 1]):
         k = s.factor[place]
@@ -62,35 +64,46 @@ def _told(
             c = covariance[f]
             variance += g[0] * (c[0, 0] * g[0] + c[0, 1] * g[1]) + g[1] * (c[1, 0] * g[0] + c[1, 1] * g[1])
         which[count] = k
-        number[count, 0], number[count, 1], number[count, 2], number[count, 3] = (
-            value,
-            variance,
-            s.prior[k],
-            s.spread[k],
-        )
+        number[count] = value, variance, s.prior[k], s.spread[k], 1.0 if s.with_next[k] else 0.0
         count += 1
     return which[:count], row[:count], number[:count]
 
 
 @njit
-def _log_likelihood(
+def _log_evidence(
     x: FloatArray, row: FloatArray, number: FloatArray, own: FloatArray, information: FloatArray
 ) -> float:
-    """Of unknowns x (2,), by what is told, and by the edge's own lines."""
+    """Of a mode at unknowns x (2,), by what is told, and by the edge's own lines: its height and its width.
+
+    What is told vaguely is nowhere as likely as where something sharp holds by accident; as a whole it may be likelier.
+    """
     a, b = x[0] - own[0], x[1] - own[1]
     total = -0.5 * (
         a * (information[0, 0] * a + information[0, 1] * b) + b * (information[1, 0] * a + information[1, 1] * b)
     )
-    for q in range(len(row)):
-        off = row[q, 0] * x[0] + row[q, 1] * x[1] - number[q, 0]
-        total += np.log(_inlier(off, number[q]) + (1.0 - number[q, 2]) / number[q, 3])
-    return float(total)
+    i00, i01, i11 = information[0, 0], information[0, 1], information[1, 1]
+    q = 0
+    while q < len(row):
+        after = q + 2 if number[q, 4] > 0.0 else q + 1
+        inlier, outlier = _chances(x, row[q:after], number[q:after])
+        total += np.log(inlier + outlier)
+        for k in range(q, after if inlier > outlier else q):
+            i00 += row[k, 0] ** 2 / number[k, 1]
+            i01 += row[k, 0] * row[k, 1] / number[k, 1]
+            i11 += row[k, 1] ** 2 / number[k, 1]
+        q = after
+    return float(total - 0.5 * np.log(i00 * i11 - i01 * i01))
 
 
 @njit
-def _inlier(off: float, number: FloatArray) -> float:
-    """Density of a residual if its statement holds, times the probability that it does."""
-    return float(number[2] * np.exp(-0.5 * off * off / number[1]) / np.sqrt(2.0 * np.pi * number[1]))
+def _chances(x: FloatArray, row: FloatArray, number: FloatArray) -> Pair:
+    """Densities of the residuals of what holds together, if it does and if not, times the probability of either."""
+    inlier, outlier = number[0, 2], 1.0 - number[0, 2]
+    for k in range(len(row)):
+        off = row[k, 0] * x[0] + row[k, 1] * x[1] - number[k, 0]
+        inlier *= np.exp(-0.5 * off * off / number[k, 1]) / np.sqrt(2.0 * np.pi * number[k, 1])
+        outlier /= number[k, 3]
+    return float(inlier), float(outlier)
 
 
 @njit
@@ -114,7 +127,7 @@ def likeliest(
         which, row, number = _told(s, e, known, x, covariance)
         if len(which) == 0:
             continue
-        best, most = own_x[e].copy(), _log_likelihood(own_x[e], row, number, own_x[e], information[e])
+        best, most = own_x[e].copy(), _log_evidence(own_x[e], row, number, own_x[e], information[e])
         trial = np.empty(2)
         for p in range(len(which)):
             # The edge's own lines with one statement, and two statements.
@@ -122,7 +135,7 @@ def likeliest(
             spread = gain @ row[p] + number[p, 1]
             off = number[p, 0] - row[p] @ own_x[e]
             trial[:] = own_x[e] + gain * (off / spread)
-            score = _log_likelihood(trial, row, number, own_x[e], information[e])
+            score = _log_evidence(trial, row, number, own_x[e], information[e])
             if score > most and abs(trial[1]) < MOST_SLOPE:
                 best[:], most = trial, score
             for q in range(p):
@@ -134,13 +147,15 @@ def likeliest(
                 trial[1] = (number[q, 0] * row[p, 0] - number[p, 0] * row[q, 0]) / det
                 if abs(trial[1]) >= MOST_SLOPE:
                     continue
-                score = _log_likelihood(trial, row, number, own_x[e], information[e])
+                score = _log_evidence(trial, row, number, own_x[e], information[e])
                 if score > most:
                     best[:], most = trial, score
-        for p in range(len(which)):
-            off = row[p, 0] * best[0] + row[p, 1] * best[1] - number[p, 0]
-            holds = _inlier(off, number[p]) > (1.0 - number[p, 2]) / number[p, 3]
-            if used[which[p]] != holds:
-                used[which[p]] = holds
-                changed = True
+        p = 0
+        while p < len(which):
+            after = p + 2 if number[p, 4] > 0.0 else p + 1
+            inlier, outlier = _chances(best, row[p:after], number[p:after])
+            for k in which[p:after]:
+                changed |= used[k] != (inlier > outlier)
+                used[k] = inlier > outlier
+            p = after
     return changed
