@@ -213,11 +213,10 @@ def test_where_no_edge_is_known_a_prior_stays():
 
 
 def about_one(numbers: list[tuple[float, float, float]], prior: list[float], together: list[bool]) -> Factors:
-    """Statements about edge 0 at its middle (place 0) or of its change along 100 pixels (place 1): (place, value, sigma)
-    each."""
-    place, value, sigma = np.array(numbers).T
+    """(kind, value, sigma) each: the disparity of edge 0 at its middle, kind 0, or its change over 100 pixels, kind 1."""
+    kind, value, sigma = np.array(numbers).T
     k = len(value)
-    rows = np.where(place[:, None] == 0.0, [1.0, 0.0], [0.0, 100.0])
+    rows = np.where(kind[:, None] == 0.0, [1.0, 0.0], [0.0, 100.0])
     factors = Factors.of_one(np.zeros(k, np.int64), rows, value, sigma, np.array(prior), np.full(k, 30.0))
     return replace(factors, with_next=np.array(together))
 
@@ -256,7 +255,7 @@ def test_how_likely_two_numbers_are_is_what_the_rest_predicts_of_both(seed, used
 
 
 def test_a_vague_statement_that_is_likely_outweighs_a_sharp_one_that_is_not():
-    """A sharp one is denser where it holds, whether it is true or not; as a whole the vague one is ten times likelier."""
+    """A sharp one is denser where it holds, true or not; as a whole the vague one is ten times likelier."""
     open_edge = measured([(45.0, 45.0)], [20.0])
     found = solved(open_edge, about_one([(0.0, 49.0, 0.03), (0.0, 36.5, 0.9)], [0.4, 0.9], [False, False]))
     assert found.used.tolist() == [False, True]

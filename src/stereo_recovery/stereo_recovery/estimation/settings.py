@@ -103,7 +103,8 @@ MOST_LEVELS = 8
 STRIP_STARTS, STRIP_ASKED = 24, (2.0, 5.0, 8.0)
 # px: by which a surface's disparity beside an edge misses the edge's, beyond what its alignment has. [R]
 STRIP_SIGMA = 0.2
-# Probability that an edge belongs to the surface on one of its sides. [R]
-STRIP_PRIOR = 0.7
+# Probability that an edge belongs to the surface on one of its sides. [P] Of known edges .83 do in rooms, .96 in
+# path-traced pairs.
+STRIP_PRIOR = 0.9
 # Pixels of a strip that share one error: what smoothing makes of noise, and what no plane and no gain explain. [P]
 STRIP_CORRELATION = 16.0
