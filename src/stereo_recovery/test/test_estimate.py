@@ -213,7 +213,7 @@ def test_where_no_edge_is_known_a_prior_stays():
 
 
 def about_one(numbers: list[tuple[float, float, float]], prior: list[float], together: list[bool]) -> Factors:
-    """(kind, value, sigma) each: the disparity of edge 0 at its middle, kind 0, or its change over 100 pixels, kind 1."""
+    """(kind, value, sigma): the disparity of edge 0 at its middle, kind 0, or its change over 100 pixels, kind 1."""
     kind, value, sigma = np.array(numbers).T
     k = len(value)
     rows = np.where(kind[:, None] == 0.0, [1.0, 0.0], [0.0, 100.0])

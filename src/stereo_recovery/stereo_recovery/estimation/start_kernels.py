@@ -42,7 +42,7 @@ class Statements(NamedTuple):
 def _told(
     s: Statements, e: int, known: BoolArray, x: FloatArray, covariance: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """What known edges say of edge e: factors (q,), rows (q, 2), and (q, 5) value, variance, prior, spread, with_next."""
+    """What known edges say of edge e: factors (q,), rows (q, 2), (q, 5) value, variance, prior, spread, with_next."""
     most = s.first[e + 1] - s.first[e]
     which, row, number = np.empty(most, np.int64), np.empty((most, 2)), np.empty((most, 5))
     count = 0
