@@ -157,19 +157,30 @@ def probability(s: System, out: Solution, k: int, used: bool) -> float:
 @njit
 def probability_of_two(s: System, out: Solution, k: int, used: bool) -> float:
     """The same of factor k, about one edge, and the next one, which hold together."""
-    h, c = s.row[k : k + 2], out.covariance[s.edge[k]]
-    variance, off = h @ c @ h.T, out.residual[k : k + 2].copy()
+    c = out.covariance[s.edge[k]]
+    a, b, off_a, off_b = out.variance[k], out.variance[k + 1], out.residual[k], out.residual[k + 1]
+    shared = s.row[k, 0] * (c[0, 0] * s.row[k + 1, 0] + c[0, 1] * s.row[k + 1, 1])
+    shared += s.row[k, 1] * (c[1, 0] * s.row[k + 1, 0] + c[1, 1] * s.row[k + 1, 1])
+    noise_a, noise_b = s.sigma[k] ** 2, s.sigma[k + 1] ** 2
     if used:
-        without = np.eye(2) - variance / s.sigma[k : k + 2] ** 2
-        if np.linalg.det(without) < LEAST_REST**2:
+        # Both are taken out of the least squares: the inverse of one less variance over noise, from the left.
+        rest_a, rest_b, off = 1.0 - a / noise_a, 1.0 - b / noise_b, shared**2 / (noise_a * noise_b)
+        rest = rest_a * rest_b - off
+        if rest < LEAST_REST**2:
             return float(s.prior[k])  # the others say nothing
-        variance, off = np.linalg.solve(without, variance), np.linalg.solve(without, off)
-    total = variance + np.diag(s.sigma[k : k + 2] ** 2)
-    inlier = (
-        s.prior[k] * np.exp(-0.5 * off @ np.linalg.solve(total, off)) / (2.0 * np.pi * np.sqrt(np.linalg.det(total)))
+        off_a, off_b = (
+            (rest_b * off_a + shared / noise_b * off_b) / rest,
+            (rest_a * off_b + shared / noise_a * off_a) / rest,
+        )
+        a, b = (rest_b * a + shared**2 / noise_b) / rest, (rest_a * b + shared**2 / noise_a) / rest
+        shared /= rest
+    total_a, total_b = a + noise_a, b + noise_b
+    size = total_a * total_b - shared**2
+    square = (total_b * off_a**2 - 2.0 * shared * off_a * off_b + total_a * off_b**2) / size
+    inlier = s.prior[k] * np.exp(-0.5 * square) / (2.0 * np.pi * np.sqrt(size))
+    outlier = (1.0 - s.prior[k]) / np.sqrt(
+        (s.spread[k] ** 2 + 2.0 * np.pi * a) * (s.spread[k + 1] ** 2 + 2.0 * np.pi * b)
     )
-    spread = np.sqrt(s.spread[k : k + 2] ** 2 + 2.0 * np.pi * np.diag(variance))
-    outlier = (1.0 - s.prior[k]) / (spread[0] * spread[1])
     return float(inlier / (inlier + outlier))
 
 

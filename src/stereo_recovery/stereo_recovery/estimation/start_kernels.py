@@ -85,7 +85,7 @@ def _log_evidence(
     q = 0
     while q < len(row):
         after = q + 2 if number[q, 4] > 0.0 else q + 1
-        inlier, outlier = _chances(x, row[q:after], number[q:after])
+        inlier, outlier = _chances(x, row, number, q, after)
         total += np.log(inlier + outlier)
         for k in range(q, after if inlier > outlier else q):
             i00 += row[k, 0] ** 2 / number[k, 1]
@@ -96,10 +96,10 @@ def _log_evidence(
 
 
 @njit
-def _chances(x: FloatArray, row: FloatArray, number: FloatArray) -> Pair:
-    """Densities of the residuals of what holds together, if it does and if not, times the probability of either."""
-    inlier, outlier = number[0, 2], 1.0 - number[0, 2]
-    for k in range(len(row)):
+def _chances(x: FloatArray, row: FloatArray, number: FloatArray, first: int, after: int) -> Pair:
+    """Densities of what [first, after), which hold together, miss, if they hold and if not, times its probability."""
+    inlier, outlier = number[first, 2], 1.0 - number[first, 2]
+    for k in range(first, after):
         off = row[k, 0] * x[0] + row[k, 1] * x[1] - number[k, 0]
         inlier *= np.exp(-0.5 * off * off / number[k, 1]) / np.sqrt(2.0 * np.pi * number[k, 1])
         outlier /= number[k, 3]
@@ -153,7 +153,7 @@ def likeliest(
         p = 0
         while p < len(which):
             after = p + 2 if number[p, 4] > 0.0 else p + 1
-            inlier, outlier = _chances(best, row[p:after], number[p:after])
+            inlier, outlier = _chances(best, row, number, p, after)
             for k in which[p:after]:
                 changed |= used[k] != (inlier > outlier)
                 used[k] = inlier > outlier
