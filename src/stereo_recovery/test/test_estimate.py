@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stereo_recovery.estimation.equation_kernels import first_of_edges, probability_of_two
-from stereo_recovery.estimation.estimate import OwnLines, estimate, told_prior
+from stereo_recovery.estimation.estimate import OwnLines, estimate, told_prior, without_accidents
 from stereo_recovery.estimation.factors import Factors
 from stereo_recovery.estimation.normal_equations import NormalEquations
 
@@ -271,3 +271,19 @@ def test_two_numbers_of_a_statement_tell_one_prior():
     both = both.select(np.arange(2 * count).reshape(2, count).T.ravel())
     prior = told_prior(both, np.ones(count, bool), x, covariance)
     np.testing.assert_allclose(prior, (10.0 * 0.7 + 14.0) / 50.0, atol=0.02)
+
+
+@pytest.mark.parametrize(('prior', 'known'), [(0.6, False), (0.98, True)])
+def test_what_may_all_be_accident_makes_no_edge_known(prior, known):
+    """Its own lines leave the edge open to 8 pixels; the statement by itself says its place to a half."""
+    factors = about_one([(0.0, 40.0, 0.5), (1.0, 0.0, 0.5)], [prior, 0.98], [False, False])
+    found = solved(measured([(40.0, 40.0)], [8.0]), factors)
+    assert found.used.all()
+    stated = found.covariance if known else np.linalg.inv(found.lines.information)
+    np.testing.assert_allclose(without_accidents(found), stated)
+    # Two that agree are not both accidents, and what an edge knows of itself needs no others.
+    twice = Factors.concatenate([factors, factors.select(np.array([0]))])
+    both = solved(measured([(40.0, 40.0)], [8.0]), twice)
+    np.testing.assert_allclose(without_accidents(both), both.covariance)
+    sharp = solved(measured([(40.0, 40.0)], [0.5]), factors)
+    np.testing.assert_allclose(without_accidents(sharp), sharp.covariance)

@@ -164,8 +164,8 @@ def probability_of_two(s: System, out: Solution, k: int, used: bool) -> float:
     noise_a, noise_b = s.sigma[k] ** 2, s.sigma[k + 1] ** 2
     if used:
         # Both are taken out of the least squares: the inverse of one less variance over noise, from the left.
-        rest_a, rest_b, off = 1.0 - a / noise_a, 1.0 - b / noise_b, shared**2 / (noise_a * noise_b)
-        rest = rest_a * rest_b - off
+        rest_a, rest_b = 1.0 - a / noise_a, 1.0 - b / noise_b
+        rest = rest_a * rest_b - shared**2 / (noise_a * noise_b)
         if rest < LEAST_REST**2:
             return float(s.prior[k])  # the others say nothing
         off_a, off_b = (

@@ -60,6 +60,8 @@ MATCH_SIGMA, MATCH_SLOPE = 20.0, 0.3
 # px: an edge whose disparity is known better than the first at its ends tells others from the start; one that is known
 # worse than the second is open. [R]
 WELL_MEASURED, OPEN_SIGMA = 0.3, 1.0
+# Chance that all that says where an open edge is came by accident, above which nothing does. [D] one in twenty
+ACCIDENT = 0.05
 # px a pixel: largest slope of disparity that is tried for an open edge. [R]
 MOST_SLOPE = 0.5
 # Rounds of the start, and of the least squares. [R] bounds the time

@@ -97,7 +97,7 @@ def _log_evidence(
 
 @njit
 def _chances(x: FloatArray, row: FloatArray, number: FloatArray, first: int, after: int) -> Pair:
-    """Densities of what [first, after), which hold together, miss, if they hold and if not, times its probability."""
+    """Chances of what statements [first, after), which hold together, miss: if they hold, and if they do not."""
     inlier, outlier = number[first, 2], 1.0 - number[first, 2]
     for k in range(first, after):
         off = row[k, 0] * x[0] + row[k, 1] * x[1] - number[k, 0]
