@@ -254,13 +254,6 @@ def test_how_likely_two_numbers_are_is_what_the_rest_predicts_of_both(seed, used
     assert chance == pytest.approx(inlier / (inlier + outlier), rel=1e-6, abs=1e-12)
 
 
-def test_a_vague_statement_that_is_likely_outweighs_a_sharp_one_that_is_not():
-    """A sharp one is denser where it holds, true or not; as a whole the vague one is ten times likelier."""
-    open_edge = measured([(45.0, 45.0)], [20.0])
-    found = solved(open_edge, about_one([(0.0, 49.0, 0.03), (0.0, 36.5, 0.9)], [0.4, 0.9], [False, False]))
-    assert found.used.tolist() == [False, True]
-
-
 def test_two_numbers_of_a_statement_tell_one_prior():
     count = 40
     x, covariance = np.zeros((count, 2)), np.tile(1e-6 * np.eye(2), (count, 1, 1))

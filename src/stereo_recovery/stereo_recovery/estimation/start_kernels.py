@@ -70,29 +70,21 @@ def _told(
 
 
 @njit
-def _log_evidence(
+def _log_likelihood(
     x: FloatArray, row: FloatArray, number: FloatArray, own: FloatArray, information: FloatArray
 ) -> float:
-    """Of a mode at unknowns x (2,), by what is told, and by the edge's own lines: its height and its width.
-
-    What is told vaguely is nowhere as likely as where something sharp holds by accident; as a whole it may be likelier.
-    """
+    """Of unknowns x (2,), by what is told, and by the edge's own lines."""
     a, b = x[0] - own[0], x[1] - own[1]
     total = -0.5 * (
         a * (information[0, 0] * a + information[0, 1] * b) + b * (information[1, 0] * a + information[1, 1] * b)
     )
-    i00, i01, i11 = information[0, 0], information[0, 1], information[1, 1]
     q = 0
     while q < len(row):
         after = q + 2 if number[q, 4] > 0.0 else q + 1
         inlier, outlier = _chances(x, row, number, q, after)
         total += np.log(inlier + outlier)
-        for k in range(q, after if inlier > outlier else q):
-            i00 += row[k, 0] ** 2 / number[k, 1]
-            i01 += row[k, 0] * row[k, 1] / number[k, 1]
-            i11 += row[k, 1] ** 2 / number[k, 1]
         q = after
-    return float(total - 0.5 * np.log(i00 * i11 - i01 * i01))
+    return float(total)
 
 
 @njit
@@ -127,7 +119,7 @@ def likeliest(
         which, row, number = _told(s, e, known, x, covariance)
         if len(which) == 0:
             continue
-        best, most = own_x[e].copy(), _log_evidence(own_x[e], row, number, own_x[e], information[e])
+        best, most = own_x[e].copy(), _log_likelihood(own_x[e], row, number, own_x[e], information[e])
         trial = np.empty(2)
         for p in range(len(which)):
             # The edge's own lines with one statement, and two statements.
@@ -135,7 +127,7 @@ def likeliest(
             spread = gain @ row[p] + number[p, 1]
             off = number[p, 0] - row[p] @ own_x[e]
             trial[:] = own_x[e] + gain * (off / spread)
-            score = _log_evidence(trial, row, number, own_x[e], information[e])
+            score = _log_likelihood(trial, row, number, own_x[e], information[e])
             if score > most and abs(trial[1]) < MOST_SLOPE:
                 best[:], most = trial, score
             for q in range(p):
@@ -147,7 +139,7 @@ def likeliest(
                 trial[1] = (number[q, 0] * row[p, 0] - number[p, 0] * row[q, 0]) / det
                 if abs(trial[1]) >= MOST_SLOPE:
                     continue
-                score = _log_evidence(trial, row, number, own_x[e], information[e])
+                score = _log_likelihood(trial, row, number, own_x[e], information[e])
                 if score > most:
                     best[:], most = trial, score
         p = 0
