@@ -39,7 +39,6 @@ class System(NamedTuple):
     sigma: FloatArray
     prior: FloatArray
     spread: FloatArray
-    with_next: BoolArray
 
 
 class Solution(NamedTuple):
@@ -155,36 +154,6 @@ def probability(s: System, out: Solution, k: int, used: bool) -> float:
 
 
 @njit
-def probability_of_two(s: System, out: Solution, k: int, used: bool) -> float:
-    """The same of factor k, about one edge, and the next one, which hold together."""
-    c = out.covariance[s.edge[k]]
-    a, b, off_a, off_b = out.variance[k], out.variance[k + 1], out.residual[k], out.residual[k + 1]
-    shared = s.row[k, 0] * (c[0, 0] * s.row[k + 1, 0] + c[0, 1] * s.row[k + 1, 1])
-    shared += s.row[k, 1] * (c[1, 0] * s.row[k + 1, 0] + c[1, 1] * s.row[k + 1, 1])
-    noise_a, noise_b = s.sigma[k] ** 2, s.sigma[k + 1] ** 2
-    if used:
-        # Both are taken out of the least squares: the inverse of one less variance over noise, from the left.
-        rest_a, rest_b = 1.0 - a / noise_a, 1.0 - b / noise_b
-        rest = rest_a * rest_b - shared**2 / (noise_a * noise_b)
-        if rest < LEAST_REST**2:
-            return float(s.prior[k])  # the others say nothing
-        off_a, off_b = (
-            (rest_b * off_a + shared / noise_b * off_b) / rest,
-            (rest_a * off_b + shared / noise_a * off_a) / rest,
-        )
-        a, b = (rest_b * a + shared**2 / noise_b) / rest, (rest_a * b + shared**2 / noise_a) / rest
-        shared /= rest
-    total_a, total_b = a + noise_a, b + noise_b
-    size = total_a * total_b - shared**2
-    square = (total_b * off_a**2 - 2.0 * shared * off_a * off_b + total_a * off_b**2) / size
-    inlier = s.prior[k] * np.exp(-0.5 * square) / (2.0 * np.pi * np.sqrt(size))
-    outlier = (1.0 - s.prior[k]) / np.sqrt(
-        (s.spread[k] ** 2 + 2.0 * np.pi * a) * (s.spread[k + 1] ** 2 + 2.0 * np.pi * b)
-    )
-    return float(inlier / (inlier + outlier))
-
-
-@njit
 def first_of_edges(edge: IntArray, other: IntArray, chosen: IntArray, value: FloatArray, best: IntArray) -> IntArray:
     """Chosen factors (c,) than which none has a smaller value (k,) at either of their edges, of equals the first.
 
@@ -266,11 +235,7 @@ def decide(s: System, used: BoolArray) -> tuple[Solution, FloatArray]:
             solve(s, used, edges, factors, out, blocks, room)
             wrongs = freshes = 0
             for f in factors:
-                if f > 0 and s.with_next[f - 1]:
-                    holds[f] = holds[f - 1]
-                    continue
-                two = s.with_next[f]
-                holds[f] = probability_of_two(s, out, f, used[f]) if two else probability(s, out, f, used[f])
+                holds[f] = probability(s, out, f, used[f])
                 value[f] = holds[f] if used[f] else -holds[f]
                 if used[f] and holds[f] < 0.5:
                     wrong[wrongs] = f
@@ -283,6 +248,4 @@ def decide(s: System, used: BoolArray) -> tuple[Solution, FloatArray]:
             for f in first_of_edges(s.edge, s.other, wrong[:wrongs] if wrongs else fresh[:freshes], value, best):
                 removed[f] += used[f]
                 used[f] = not used[f]
-                if s.with_next[f]:
-                    used[f + 1] = used[f]
     return out, holds

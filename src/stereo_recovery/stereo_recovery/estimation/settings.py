@@ -60,8 +60,6 @@ MATCH_SIGMA, MATCH_SLOPE = 20.0, 0.3
 # px: an edge whose disparity is known better than the first at its ends tells others from the start; one that is known
 # worse than the second is open. [R]
 WELL_MEASURED, OPEN_SIGMA = 0.3, 1.0
-# Chance that all that says where an open edge is came by accident, above which nothing does. [D] one in twenty
-ACCIDENT = 0.05
 # px a pixel: largest slope of disparity that is tried for an open edge. [R]
 MOST_SLOPE = 0.5
 # Rounds of the start, and of the least squares. [R] bounds the time
@@ -105,8 +103,7 @@ MOST_LEVELS = 8
 STRIP_STARTS, STRIP_ASKED = 24, (2.0, 5.0, 8.0)
 # px: by which a surface's disparity beside an edge misses the edge's, beyond what its alignment has. [R]
 STRIP_SIGMA = 0.2
-# Probability that an edge belongs to the surface on one of its sides. [P] Of known edges .83 do in rooms, .96 in
-# path-traced pairs.
-STRIP_PRIOR = 0.9
+# Probability that an edge belongs to the surface on one of its sides. [R]
+STRIP_PRIOR = 0.7
 # Pixels of a strip that share one error: what smoothing makes of noise, and what no plane and no gain explain. [P]
 STRIP_CORRELATION = 16.0

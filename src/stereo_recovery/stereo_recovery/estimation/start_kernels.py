@@ -9,7 +9,6 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
-from ..detection.sampling import Pair
 from .settings import MOST_SLOPE
 
 
@@ -20,7 +19,7 @@ class Statements(NamedTuple):
     ----------
     first : (n + 1,) int64
         Where each edge's statements begin in ``factor`` and ``mirrored``, (m,).
-    edge, other, row, other_row, value, sigma, prior, spread, with_next : (k, ...)
+    edge, other, row, other_row, value, sigma, prior, spread : (k, ...)
         The factors, see :class:`.factors.Factors`.
     """
 
@@ -35,16 +34,15 @@ class Statements(NamedTuple):
     sigma: FloatArray
     prior: FloatArray
     spread: FloatArray
-    with_next: BoolArray
 
 
 @njit
 def _told(
     s: Statements, e: int, known: BoolArray, x: FloatArray, covariance: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """What known edges say of edge e: factors (q,), rows (q, 2), (q, 5) value, variance, prior, spread, with_next."""
+    """What known edges say of edge e: factors (q,), rows (q, 2), and value, variance, prior, spread (q, 4)."""
     most = s.first[e + 1] - s.first[e]
-    which, row, number = np.empty(most, np.int64), np.empty((most, 2)), np.empty((most, 5))
+    which, row, number = np.empty(most, np.int64), np.empty((most, 2)), np.empty((most, 4))
     count = 0
     for place in range(s.first[e], s.first[e + 1]):
         k = s.factor[place]
@@ -64,7 +62,12 @@ def _told(
             c = covariance[f]
             variance += g[0] * (c[0, 0] * g[0] + c[0, 1] * g[1]) + g[1] * (c[1, 0] * g[0] + c[1, 1] * g[1])
         which[count] = k
-        number[count] = value, variance, s.prior[k], s.spread[k], 1.0 if s.with_next[k] else 0.0
+        number[count, 0], number[count, 1], number[count, 2], number[count, 3] = (
+            value,
+            variance,
+            s.prior[k],
+            s.spread[k],
+        )
         count += 1
     return which[:count], row[:count], number[:count]
 
@@ -78,24 +81,16 @@ def _log_likelihood(
     total = -0.5 * (
         a * (information[0, 0] * a + information[0, 1] * b) + b * (information[1, 0] * a + information[1, 1] * b)
     )
-    q = 0
-    while q < len(row):
-        after = q + 2 if number[q, 4] > 0.0 else q + 1
-        inlier, outlier = _chances(x, row, number, q, after)
-        total += np.log(inlier + outlier)
-        q = after
+    for q in range(len(row)):
+        off = row[q, 0] * x[0] + row[q, 1] * x[1] - number[q, 0]
+        total += np.log(_inlier(off, number[q]) + (1.0 - number[q, 2]) / number[q, 3])
     return float(total)
 
 
 @njit
-def _chances(x: FloatArray, row: FloatArray, number: FloatArray, first: int, after: int) -> Pair:
-    """Chances of what statements [first, after), which hold together, miss: if they hold, and if they do not."""
-    inlier, outlier = number[first, 2], 1.0 - number[first, 2]
-    for k in range(first, after):
-        off = row[k, 0] * x[0] + row[k, 1] * x[1] - number[k, 0]
-        inlier *= np.exp(-0.5 * off * off / number[k, 1]) / np.sqrt(2.0 * np.pi * number[k, 1])
-        outlier /= number[k, 3]
-    return float(inlier), float(outlier)
+def _inlier(off: float, number: FloatArray) -> float:
+    """Density of a residual if its statement holds, times the probability that it does."""
+    return float(number[2] * np.exp(-0.5 * off * off / number[1]) / np.sqrt(2.0 * np.pi * number[1]))
 
 
 @njit
@@ -142,12 +137,10 @@ def likeliest(
                 score = _log_likelihood(trial, row, number, own_x[e], information[e])
                 if score > most:
                     best[:], most = trial, score
-        p = 0
-        while p < len(which):
-            after = p + 2 if number[p, 4] > 0.0 else p + 1
-            inlier, outlier = _chances(best, row, number, p, after)
-            for k in which[p:after]:
-                changed |= used[k] != (inlier > outlier)
-                used[k] = inlier > outlier
-            p = after
+        for p in range(len(which)):
+            off = row[p, 0] * best[0] + row[p, 1] * best[1] - number[p, 0]
+            holds = _inlier(off, number[p]) > (1.0 - number[p, 2]) / number[p, 3]
+            if used[which[p]] != holds:
+                used[which[p]] = holds
+                changed = True
     return changed

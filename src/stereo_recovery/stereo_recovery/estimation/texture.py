@@ -9,7 +9,7 @@ nothing is said. The rows in which a strip is found again are what its rows diff
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -175,7 +175,7 @@ def texture_factors(
         return Factors.none()
     owner, value, covariance = strips.beside(seen.matches.left[edges], told_by)
     edge = edges[owner]
-    # Where disparity and slope are independent, they are two numbers.
+    # Where disparity and slope are independent, they are two statements.
     at = -covariance[:, 0, 1] / covariance[:, 1, 1]
     length = seen.segments[0].length[seen.matches.left[edge]]
     sigma = np.sqrt(np.maximum(covariance[:, 0, 0] + at * covariance[:, 0, 1], 0.0) + STRIP_SIGMA**2)
@@ -183,8 +183,9 @@ def texture_factors(
     k = len(edge)
     prior, spread = np.full(k, STRIP_PRIOR), np.full(k, SPREAD)
     rows = np.stack([np.ones(k), at], axis=1), np.stack([np.zeros(k), length], axis=1)
-    place = Factors.of_one(edge, rows[0], value[:, 0] + at * value[:, 1], sigma, prior, spread)
-    slope = Factors.of_one(edge, rows[1], length * value[:, 1], turn, prior, spread)
-    # Both are of one surface, to which the edge belongs or not.
-    place = replace(place, with_next=np.ones(k, bool))
-    return Factors.concatenate([place, slope]).select(np.arange(2 * k).reshape(2, k).T.ravel())
+    return Factors.concatenate(
+        [
+            Factors.of_one(edge, rows[0], value[:, 0] + at * value[:, 1], sigma, prior, spread),
+            Factors.of_one(edge, rows[1], length * value[:, 1], turn, prior, spread),
+        ]
+    )
