@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stereo_recovery.estimation.equation_kernels import first_of_edges
-from stereo_recovery.estimation.estimate import OwnLines, estimate, told_prior
+from stereo_recovery.estimation.equation_kernels import first_of_edges, probability_of_two
+from stereo_recovery.estimation.estimate import OwnLines, estimate, told_prior, without_accidents
 from stereo_recovery.estimation.factors import Factors
 from stereo_recovery.estimation.normal_equations import NormalEquations
 
@@ -27,6 +29,7 @@ def tied(pairs: list[tuple[int, float, int, float]], prior: float = 0.98, sigma:
         np.full(k, sigma),
         np.full(k, prior),
         np.full(k, 30.0),
+        np.zeros(k, bool),
     )
 
 
@@ -60,6 +63,7 @@ def problems(draw: st.DrawFn):
         rng.uniform(0.1, 1.0, k),
         rng.uniform(0.1, 0.9, k),
         np.full(k, 30.0),
+        np.zeros(k, bool),
     )
     return root @ np.swapaxes(root, 1, 2) + 0.1 * np.eye(2), rng.normal(size=(n, 2)), factors, rng.uniform(size=k) < 0.7
 
@@ -206,3 +210,103 @@ def test_statements_that_known_edges_contradict_are_believed_less_and_confirmed_
 def test_where_no_edge_is_known_a_prior_stays():
     prior = told_prior(one_by_one([0.0, 9.0]), np.zeros(2, bool), np.zeros((2, 2)), np.tile(np.eye(2), (2, 1, 1)))
     assert prior.tolist() == [0.7, 0.7]
+
+
+def about_one(numbers: list[tuple[float, float, float]], prior: list[float], together: list[bool]) -> Factors:
+    """(kind, value, sigma): the disparity of edge 0 at its middle, kind 0, or its change over 100 pixels, kind 1."""
+    kind, value, sigma = np.array(numbers).T
+    k = len(value)
+    rows = np.where(kind[:, None] == 0.0, [1.0, 0.0], [0.0, 100.0])
+    factors = Factors.of_one(np.zeros(k, np.int64), rows, value, sigma, np.array(prior), np.full(k, 30.0))
+    return replace(factors, with_next=np.array(together))
+
+
+def test_two_numbers_of_one_statement_hold_together_or_not_at_all():
+    level = measured([(40.0, 40.0)], [2.0])
+    # The place fits, the slope is 20 pixels off over the edge.
+    numbers, prior = [(0.0, 40.2, 0.3), (1.0, 20.0, 0.5)], [0.8, 0.8]
+    assert solved(level, about_one(numbers, prior, [False, False])).used.tolist() == [True, False]
+    found = solved(level, about_one(numbers, prior, [True, False]))
+    assert found.used.tolist() == [False, False]
+    assert found.holds[0] == found.holds[1] < 0.01
+    fitting = solved(level, about_one([numbers[0], (1.0, 0.5, 0.5)], prior, [True, False]))
+    assert fitting.used.all()
+    assert fitting.holds[0] == fitting.holds[1] > 0.95
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 2**32 - 1), st.booleans(), st.booleans())
+def test_how_likely_two_numbers_are_is_what_the_rest_predicts_of_both(seed, used, of_two):
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(2, 2, 2))
+    information, vector = root @ np.swapaxes(root, 1, 2) + 0.1 * np.eye(2), rng.normal(size=(2, 2))
+    factors = about_one([(0.0, rng.normal(), 0.5), (1.0, rng.normal(), 0.7)], [0.6, 0.6], [True, False])
+    if of_two:
+        factors = replace(factors, other=np.ones(2, np.int64), other_row=rng.normal(size=(2, 2)))
+    equations = NormalEquations(information, vector, factors)
+    chance = probability_of_two(equations._system, equations.solve(np.full(2, used)), 0, used)
+    # By the edges' own lines alone.
+    own = np.linalg.inv(information)
+    mean = np.einsum('nij,nj->ni', own, vector)
+    off = factors.value - factors.row @ mean[0] + factors.other_row @ mean[1]
+    variance = factors.row @ own[0] @ factors.row.T + factors.other_row @ own[1] @ factors.other_row.T
+    total = variance + np.diag(factors.sigma**2)
+    inlier = 0.6 * np.exp(-0.5 * off @ np.linalg.solve(total, off)) / (2.0 * np.pi * np.sqrt(np.linalg.det(total)))
+    outlier = 0.4 / np.prod(np.sqrt(30.0**2 + 2.0 * np.pi * np.diag(variance)))
+    assert chance == pytest.approx(inlier / (inlier + outlier), rel=1e-6, abs=1e-12)
+
+
+def test_two_numbers_of_a_statement_tell_one_prior():
+    count = 40
+    x, covariance = np.zeros((count, 2)), np.tile(1e-6 * np.eye(2), (count, 1, 1))
+    place = one_by_one([0.1] * count)
+    # The places hold; the slopes of all but every third are far off.
+    slope = replace(place, row=np.tile([0.0, 100.0], (count, 1)), value=np.where(np.arange(count) % 3 == 0, 0.1, 12.0))
+    both = Factors.concatenate([replace(place, with_next=np.ones(count, bool)), slope])
+    both = both.select(np.arange(2 * count).reshape(2, count).T.ravel())
+    prior = told_prior(both, np.ones(count, bool), x, covariance)
+    np.testing.assert_allclose(prior, (10.0 * 0.7 + 14.0) / 50.0, atol=0.02)
+
+
+@pytest.mark.parametrize(('prior', 'known'), [(0.6, False), (0.98, True)])
+def test_what_may_all_be_accident_makes_no_edge_known(prior, known):
+    """Its own lines leave the edge open to 8 pixels; the statement by itself says its place to a half."""
+    factors = about_one([(0.0, 40.0, 0.5), (1.0, 0.0, 0.5)], [prior, 0.98], [False, False])
+    found = solved(measured([(40.0, 40.0)], [8.0]), factors)
+    assert found.used.all()
+    stated = found.covariance if known else np.linalg.inv(found.lines.information)
+    np.testing.assert_allclose(without_accidents(found), stated)
+    # Two that agree are not both accidents, and what an edge knows of itself needs no others.
+    twice = Factors.concatenate([factors, factors.select(np.array([0]))])
+    both = solved(measured([(40.0, 40.0)], [8.0]), twice)
+    np.testing.assert_allclose(without_accidents(both), both.covariance)
+    sharp = solved(measured([(40.0, 40.0)], [0.5]), factors)
+    np.testing.assert_allclose(without_accidents(sharp), sharp.covariance)
+
+
+def test_what_is_vague_and_likely_is_not_beaten_by_what_is_sharp_and_is_not():
+    """A surface that the edge nearly always belongs to, against two ends that less often are one point."""
+    factors = about_one(
+        [(0.0, 40.0, 6.0), (1.0, 0.0, 12.0), (0.0, 65.0, 0.03)], [0.97, 0.97, 0.7], [True, False, False]
+    )
+    assert solved(measured([(50.0, 50.0)], [20.0]), factors).used.tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize('parallel', [0.96, 0.04])
+def test_what_one_surface_behind_an_edge_explains_is_one_witness(parallel):
+    """The ceiling of a channel: its far end is a corner of the wall behind it, whose strip and contour agree.
+
+    Against these three stands the direction of the ceiling's other edges, whose slope is known to a hundredth.
+    """
+    lines = measured([(100.0, 100.0), (115.0, 115.0), (99.0, 99.0)], [20.0, 0.1, 0.1])
+    meets = tied([(0, 50.0, 1, 0.0), (0, -50.0, 2, 0.0)], sigma=0.3)
+    meets = replace(meets, prior=np.array([0.98, 0.4]))
+    strip = about_one([(0.0, 107.2, 0.3), (1.0, 16.0, 0.5)], [0.9, 0.9], [True, False])
+    strip = replace(strip, spread=np.array([30.0, 37.6]))
+    direction = about_one([(1.0, -10.0, 0.02)], [parallel], [False])
+    direction = replace(direction, spread=np.array([100.0]))
+    found = solved(lines, Factors.concatenate([meets, strip, direction]))
+    # A direction that hardly any edge has is no match for the wall.
+    is_of_the_wall = parallel < 0.5
+    assert found.used.tolist() == [True, *3 * [is_of_the_wall], not is_of_the_wall]
+    np.testing.assert_allclose(found.x[0] @ [1.0, -50.0], 99.0 if is_of_the_wall else 125.0, atol=0.5)

@@ -91,6 +91,10 @@ def test_lines_that_cross_beyond_their_chains_in_both_images_meet_there():
     factors = rounded_corner_factors(pair)
     assert len(factors) == 1
     assert np.abs(residuals(factors, x)).max() < 0.05
+    # Those that meet in an image are told to meet there.
+    pair, x = seen([(CORNER, (180.0, 104.0, 44.0)), (CORNER, (95.0, 170.0, 43.0))], [across, down])
+    assert len(junction_factors(pair, x)) == 1
+    assert len(rounded_corner_factors(pair)) == 0
     # Too far from the crossing of the lines that is no corner.
     pair, x = seen([((150.0, 102.5, 42.5), (180.0, 104.0, 44.0)), down])
     assert len(rounded_corner_factors(pair)) == 0
@@ -101,6 +105,7 @@ def test_parts_of_a_level_line_have_one_line_of_disparity():
     pair, x = seen([first, second])
     factors = collinear_factors(pair)
     assert len(factors) == 2
+    assert factors.with_next.tolist() == [True, False], 'they are one line or not'
     assert np.abs(residuals(factors, x)).max() < 1e-6
     beside = ((160.0, 108.0, 42.4), (200.0, 109.6, 44.0))
     assert len(collinear_factors(seen([first, beside])[0])) == 0

@@ -70,8 +70,8 @@ def test_a_level_edge_has_the_disparity_of_the_surface_beside_it(gain, shift, lo
     x = np.array([middle, along])
     off = factors.value - factors.row @ x
     assert (np.abs(off) < 3.0 * factors.sigma).all()
-    assert (np.abs(off[:2]) < 0.5).all(), 'the match is six pixels off'
-    assert (factors.sigma[:2] < 1.0).all()
+    assert (np.abs(off[::2]) < 0.5).all(), 'the match is six pixels off'
+    assert (factors.sigma[::2] < 1.0).all()
 
 
 def test_where_the_images_cannot_be_aligned_dense_disparity_tells():
@@ -89,7 +89,7 @@ def test_where_the_images_cannot_be_aligned_dense_disparity_tells():
     middle = PLANE[0] + segment.centre[0] @ np.array(PLANE[1:])
     off = factors.value - factors.row @ np.array([middle, along])
     assert (np.abs(off) < 3.0 * factors.sigma).all()
-    assert (factors.sigma[:2] < 1.5).all()
+    assert (factors.sigma[::2] < 1.5).all()
     assert len(texture_rows(seen, AlignedStrips(seen.segments[0], texture)).off) == 0, 'it knows nothing of rows'
 
 

@@ -12,7 +12,16 @@ from msgs_py.numeric.typed import BoolArray, FloatArray
 
 from ..curves.curve import Curve
 from ..detection.segments import Segments
-from ..estimation.estimate import Estimate, by_factors, end_sigma, estimate, told_prior, unit_variance, without_itself
+from ..estimation.estimate import (
+    Estimate,
+    by_factors,
+    end_sigma,
+    estimate,
+    told_prior,
+    unit_variance,
+    without_accidents,
+    without_itself,
+)
 from ..estimation.factors import Factors, collinear_factors, end_factors, junction_factors, rounded_corner_factors
 from ..estimation.parallel_groups import parallel_factors
 from ..estimation.settings import GROUP_ROUNDS, MOST_CORNER_SIGMA, WELL_MEASURED
@@ -130,6 +139,7 @@ def edges(seen: StereoSegments, beside: Beside) -> tuple[Lines3D, tuple[Segments
         Of both images, that the lines refer to: with those that the other image alone shows.
     """
     found = solved(seen, beside)
+    covariance = without_accidents(found)
     ends = view_extents(beside.views, seen, found.x, extents(seen, found.x))
     left = seen.matches.left
     lines = Lines3D(
@@ -137,9 +147,9 @@ def edges(seen: StereoSegments, beside: Beside) -> tuple[Lines3D, tuple[Segments
         seen.matches.right,
         ends.abscissa,
         found.x,
-        found.covariance,
+        covariance,
         found.unit_variance * line_covariance(seen.segments[0], left),
-        found.lines.covariance_with_line(found.covariance),
+        found.lines.covariance_with_line(covariance),
         ends.sigma,
     )
     more = junction_edges(seen, corners(seen, found, ends))

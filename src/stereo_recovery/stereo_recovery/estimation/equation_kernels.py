@@ -39,6 +39,7 @@ class System(NamedTuple):
     sigma: FloatArray
     prior: FloatArray
     spread: FloatArray
+    with_next: BoolArray
 
 
 class Solution(NamedTuple):
@@ -49,12 +50,15 @@ class Solution(NamedTuple):
     x, covariance : (n, 2), (n, 2, 2)
     residual, variance : (k,)
         What each factor's product misses its value by, and the product's variance.
+    shared : (k,)
+        Covariance of the products of each and the next one, where they hold together.
     """
 
     x: FloatArray
     covariance: FloatArray
     residual: FloatArray
     variance: FloatArray
+    shared: FloatArray
 
 
 class Parts(NamedTuple):
@@ -70,7 +74,7 @@ class Parts(NamedTuple):
 def empty_solution(s: System) -> Solution:
     """Room for a solution."""
     n, k = len(s.place), len(s.edge)
-    return Solution(np.empty((n, 2)), np.empty((n, 2, 2)), np.empty(k), np.empty(k))
+    return Solution(np.empty((n, 2)), np.empty((n, 2, 2)), np.empty(k), np.empty(k), np.zeros(k))
 
 
 @njit
@@ -126,19 +130,28 @@ def _add_statement(block: FloatArray, right: FloatArray, h: FloatArray, weight: 
 @njit
 def _product(s: System, k: int, below: FloatArray, out: Solution) -> None:
     """What the solution makes of a factor; below : (m, 2, 2) of the inverse."""
-    e, f, q, h, g = s.edge[k], s.other[k], s.slot[k], s.row[k], s.other_row[k]
-    residual, variance = s.value[k], 0.0
+    e, f, h, g = s.edge[k], s.other[k], s.row[k], s.other_row[k]
+    out.residual[k] = s.value[k] - (h[0] * out.x[e, 0] + h[1] * out.x[e, 1])
+    if f >= 0:
+        out.residual[k] += g[0] * out.x[f, 0] + g[1] * out.x[f, 1]
+    out.variance[k] = _covariance(s, k, k, below, out)
+    if s.with_next[k]:
+        out.shared[k] = _covariance(s, k, k + 1, below, out)
+
+
+@njit
+def _covariance(s: System, k: int, other: int, below: FloatArray, out: Solution) -> float:
+    """Of the products of two factors about the same edges."""
+    e, f, q, total = s.edge[k], s.other[k], s.slot[k], 0.0
     turned = q >= 0 and s.place[e] < s.place[f]
     for r in range(2):
-        residual -= h[r] * out.x[e, r]
-        if q >= 0:
-            residual += g[r] * out.x[f, r]
         for c in range(2):
-            variance += h[r] * out.covariance[e, r, c] * h[c]
+            total += s.row[k, r] * out.covariance[e, r, c] * s.row[other, c]
             if q >= 0:
                 shared = below[q, c, r] if turned else below[q, r, c]
-                variance += g[r] * out.covariance[f, r, c] * g[c] - 2.0 * h[r] * shared * g[c]
-    out.residual[k], out.variance[k] = residual, variance
+                total += s.other_row[k, r] * out.covariance[f, r, c] * s.other_row[other, c]
+                total -= shared * (s.row[k, r] * s.other_row[other, c] + s.row[other, r] * s.other_row[k, c])
+    return float(total)
 
 
 @njit
@@ -150,6 +163,39 @@ def probability(s: System, out: Solution, k: int, used: bool) -> float:
     total = variance + s.sigma[k] ** 2
     inlier = s.prior[k] * np.exp(-0.5 * off * off / total) / np.sqrt(2.0 * np.pi * total)
     outlier = (1.0 - s.prior[k]) / np.sqrt(s.spread[k] ** 2 + 2.0 * np.pi * variance)
+    return float(inlier / (inlier + outlier))
+
+
+@njit
+def probability_of_two(s: System, out: Solution, k: int, used: bool) -> float:
+    """The same of factor k and the next one, which hold together."""
+    a, b, off_a, off_b, shared = (
+        out.variance[k],
+        out.variance[k + 1],
+        out.residual[k],
+        out.residual[k + 1],
+        out.shared[k],
+    )
+    noise_a, noise_b = s.sigma[k] ** 2, s.sigma[k + 1] ** 2
+    if used:
+        # Both are taken out of the least squares: the inverse of one less variance over noise, from the left.
+        rest_a, rest_b = 1.0 - a / noise_a, 1.0 - b / noise_b
+        rest = rest_a * rest_b - shared**2 / (noise_a * noise_b)
+        if rest < LEAST_REST**2:
+            return float(s.prior[k])  # the others say nothing
+        off_a, off_b = (
+            (rest_b * off_a + shared / noise_b * off_b) / rest,
+            (rest_a * off_b + shared / noise_a * off_a) / rest,
+        )
+        a, b = (rest_b * a + shared**2 / noise_b) / rest, (rest_a * b + shared**2 / noise_a) / rest
+        shared /= rest
+    total_a, total_b = a + noise_a, b + noise_b
+    size = total_a * total_b - shared**2
+    square = (total_b * off_a**2 - 2.0 * shared * off_a * off_b + total_a * off_b**2) / size
+    inlier = s.prior[k] * np.exp(-0.5 * square) / (2.0 * np.pi * np.sqrt(size))
+    outlier = (1.0 - s.prior[k]) / np.sqrt(
+        (s.spread[k] ** 2 + 2.0 * np.pi * a) * (s.spread[k + 1] ** 2 + 2.0 * np.pi * b)
+    )
     return float(inlier / (inlier + outlier))
 
 
@@ -235,7 +281,11 @@ def decide(s: System, used: BoolArray) -> tuple[Solution, FloatArray]:
             solve(s, used, edges, factors, out, blocks, room)
             wrongs = freshes = 0
             for f in factors:
-                holds[f] = probability(s, out, f, used[f])
+                if f > 0 and s.with_next[f - 1]:
+                    holds[f] = holds[f - 1]
+                    continue
+                two = s.with_next[f]
+                holds[f] = probability_of_two(s, out, f, used[f]) if two else probability(s, out, f, used[f])
                 value[f] = holds[f] if used[f] else -holds[f]
                 if used[f] and holds[f] < 0.5:
                     wrong[wrongs] = f
@@ -248,4 +298,6 @@ def decide(s: System, used: BoolArray) -> tuple[Solution, FloatArray]:
             for f in first_of_edges(s.edge, s.other, wrong[:wrongs] if wrongs else fresh[:freshes], value, best):
                 removed[f] += used[f]
                 used[f] = not used[f]
+                if s.with_next[f]:
+                    used[f + 1] = used[f]
     return out, holds

@@ -22,10 +22,21 @@ import numpy as np
 from msgs_py.numeric.robust import NORMAL_QUARTILE
 from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, IntArray
 
+from ..detection.settings import SMALLEST
 from .equation_kernels import Solution
 from .factors import Factors
 from .normal_equations import NormalEquations
-from .settings import LEAST_REST, MATCH_SIGMA, MATCH_SLOPE, PRIOR_ROUNDS, REDUNDANCY, START_ROUNDS, WELL_MEASURED
+from .settings import (
+    ACCIDENT,
+    LEAST_REST,
+    MATCH_SIGMA,
+    MATCH_SLOPE,
+    OPEN_SIGMA,
+    PRIOR_ROUNDS,
+    REDUNDANCY,
+    START_ROUNDS,
+    WELL_MEASURED,
+)
 from .start_kernels import Statements, likeliest
 
 
@@ -146,6 +157,24 @@ def end_sigma(covariance: AnyArray, lines: OwnLines) -> FloatArray:
     return np.asarray(np.sqrt(np.einsum('nei,nij,nej->ne', lines.ends, covariance, lines.ends)))
 
 
+def without_accidents(found: Estimate) -> FloatArray:
+    """(n, 2, 2) covariance of edges: by their own lines alone where all else that says where they are may be accident.
+
+    What holds is decided, and the least squares does not know how surely. An edge along the rows whose only statement
+    holds with two chances in three is as likely anywhere with the third.
+    """
+    factors = found.factors
+    accident = np.zeros(len(found.x))
+    for edge, row in ((factors.edge, factors.row), (factors.other, factors.other_row)):
+        # Of its slope others speak: their rows have hardly a first number. What holds with the one before says no more.
+        more = np.append(False, factors.with_next)[: len(edge)]
+        tells = np.flatnonzero(found.used & (edge >= 0) & (row[:, 0] > 0.5) & ~more)
+        np.add.at(accident, edge[tells], np.log(np.maximum(1.0 - found.holds[tells], SMALLEST)))
+    own = np.linalg.inv(found.lines.information)
+    doubted = (end_sigma(own, found.lines).max(axis=1) >= OPEN_SIGMA) & (accident > np.log(ACCIDENT))
+    return np.where(doubted[:, None, None], own, found.covariance)
+
+
 def estimate(
     lines: OwnLines, factors: Factors, used: BoolArray, telling: int | None = None, place: IntArray | None = None
 ) -> Estimate:
@@ -207,8 +236,10 @@ def told_prior(factors: Factors, known: BoolArray, x: FloatArray, covariance: Fl
     variance = np.einsum('ki,kij,kj->k', told.row, covariance[told.edge], told.row) + told.sigma**2
     odds = told.spread * np.exp(-0.5 * off**2 / variance) / np.sqrt(2.0 * np.pi * variance)
     prior = factors.prior
+    first = np.flatnonzero(~np.append(False, told.with_next)[: len(odds)])
+    odds = np.multiply.reduceat(odds, first) if len(first) else odds
     for _ in range(PRIOR_ROUNDS):
-        share = prior[telling]
+        share = prior[telling][first]
         held = float((share * odds / (share * odds + 1.0 - share)).sum())
         prior = (REDUNDANCY * factors.prior + held) / (REDUNDANCY + len(odds))
     return prior

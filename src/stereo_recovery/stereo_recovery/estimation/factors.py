@@ -12,11 +12,11 @@ statement, h x_e - g x_f = value, give or take a sigma, that holds unless an acc
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from msgs_py.numeric.typed import AnyArray, FloatArray, IntArray
+from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, IntArray
 
 from ..detection.segments import line_table
 from ..matching.settings import SEEN_AS_ONE
@@ -51,6 +51,8 @@ class Factors:
         Probability that it does.
     spread : (k,) float64, pixels
         Range over which the product is even if it does not.
+    with_next : (k,) bool
+        Whether it says the same of the same edge as the next one, another number of it: both hold, or neither does.
     """
 
     edge: IntArray
@@ -61,6 +63,7 @@ class Factors:
     sigma: FloatArray
     prior: FloatArray
     spread: FloatArray
+    with_next: BoolArray
 
     def __len__(self) -> int:
         return len(self.edge)
@@ -80,7 +83,8 @@ class Factors:
     ) -> Factors:
         """Statements about one edge each; arrays as of the class."""
         k = len(edge)
-        return Factors(edge, np.full(k, -1), row, np.zeros((k, 2)), value, sigma, prior, spread)
+        none = np.zeros(k, bool)
+        return Factors(edge, np.full(k, -1), row, np.zeros((k, 2)), value, sigma, prior, spread, none)
 
     @staticmethod
     def none() -> Factors:
@@ -112,7 +116,14 @@ def _one_disparity(
 ) -> Factors:
     """Statements that two edges have one disparity: k edges each, and what :func:`_disparity_row` says of them."""
     k = len(pair[0])
-    return Factors(*pair, *rows, np.zeros(k), np.full(k, sigma), np.broadcast_to(prior, k), np.full(k, SPREAD))
+    numbers = np.zeros(k), np.full(k, sigma), np.broadcast_to(prior, k), np.full(k, SPREAD)
+    return Factors(*pair, *rows, *numbers, np.zeros(k, bool))
+
+
+def _pair_number(seen: StereoSegments, e: IntArray, f: IntArray) -> IntArray:
+    """(k,) a number for each two edges, in either order."""
+    number: IntArray = np.minimum(e, f) * len(seen.matches) + np.maximum(e, f)
+    return number
 
 
 def junction_factors(seen: StereoSegments, x: FloatArray) -> Factors:
@@ -135,7 +146,7 @@ def junction_factors(seen: StereoSegments, x: FloatArray) -> Factors:
         e, end = e[seen.straight[mine[e, end]]], end[seen.straight[mine[e, end]]]
         f = mine[e, end]
         # Two edges meet once, and what both images show is one statement.
-        pair = np.minimum(e, f) * count + np.maximum(e, f)
+        pair = _pair_number(seen, e, f)
         fresh = np.zeros(len(e), bool)
         fresh[np.unique(pair, return_index=True)[1]] = True
         fresh &= ~np.isin(pair, told)
@@ -194,6 +205,8 @@ def end_factors(seen: StereoSegments) -> Factors:
 def rounded_corner_factors(seen: StereoSegments) -> Factors:
     """Edges whose lines cross beyond the ends of their chains, at the same ends in both images, meet there.
 
+    Of those that meet in an image :func:`junction_factors` says it.
+
     Parameters
     ----------
     seen : StereoSegments
@@ -202,7 +215,13 @@ def rounded_corner_factors(seen: StereoSegments) -> Factors:
     loose = (seen.ends[0].neighbour < 0) | (seen.ends[1].neighbour < 0)
     tables = line_table(seen.segments[0]), line_table(seen.segments[1])
     pair, point = rounded_corners(tables, seen.index, seen.flip, loose & (seen.straight & seen.paired)[:, None])
-    e, f = pair.T
+    meeting = []
+    for image in (0, 1):
+        neighbour = seen.neighbours(image)
+        e, end = np.nonzero(neighbour >= 0)
+        meeting.append(_pair_number(seen, e, neighbour[e, end]))
+    fresh = ~np.isin(_pair_number(seen, *pair.T), np.concatenate(meeting))
+    (e, f), point = pair[fresh].T, point[fresh]
     rows = _left_row(seen, e, point), _left_row(seen, f, point)
     return _one_disparity(rows, (e, f), CORNER_SIGMA, DOUBTFUL_PRIOR)
 
@@ -221,4 +240,5 @@ def collinear_factors(seen: StereoSegments) -> Factors:
     e, f = np.repeat(pair, 2, axis=0).T
     place = point.reshape(-1, 2)
     rows = _left_row(seen, e, place), _left_row(seen, f, place)
-    return _one_disparity(rows, (e, f), COLLINEAR_SIGMA, SEEN_AS_ONE)
+    both = _one_disparity(rows, (e, f), COLLINEAR_SIGMA, SEEN_AS_ONE)
+    return replace(both, with_next=np.arange(len(e)) % 2 == 0)

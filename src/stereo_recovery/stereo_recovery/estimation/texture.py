@@ -9,7 +9,7 @@ nothing is said. The rows in which a strip is found again are what its rows diff
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -33,6 +33,7 @@ from .settings import (
     STRIP_ROW_PRIOR,
     STRIP_SHARP,
     STRIP_SIGMA,
+    SURFACE_SLOPE,
 )
 from .texture_kernels import ALIGNED, UNKNOWN, align_strips
 
@@ -175,7 +176,7 @@ def texture_factors(
         return Factors.none()
     owner, value, covariance = strips.beside(seen.matches.left[edges], told_by)
     edge = edges[owner]
-    # Where disparity and slope are independent, they are two statements.
+    # Where disparity and slope are independent, they are two numbers.
     at = -covariance[:, 0, 1] / covariance[:, 1, 1]
     length = seen.segments[0].length[seen.matches.left[edge]]
     sigma = np.sqrt(np.maximum(covariance[:, 0, 0] + at * covariance[:, 0, 1], 0.0) + STRIP_SIGMA**2)
@@ -183,9 +184,10 @@ def texture_factors(
     k = len(edge)
     prior, spread = np.full(k, STRIP_PRIOR), np.full(k, SPREAD)
     rows = np.stack([np.ones(k), at], axis=1), np.stack([np.zeros(k), length], axis=1)
-    return Factors.concatenate(
-        [
-            Factors.of_one(edge, rows[0], value[:, 0] + at * value[:, 1], sigma, prior, spread),
-            Factors.of_one(edge, rows[1], length * value[:, 1], turn, prior, spread),
-        ]
-    )
+    place = Factors.of_one(edge, rows[0], value[:, 0] + at * value[:, 1], sigma, prior, spread)
+    # The slope of an accident is that of another surface, whose normal distribution is worth this range.
+    slopes = np.sqrt(2.0 * np.pi) * SURFACE_SLOPE * length
+    slope = Factors.of_one(edge, rows[1], length * value[:, 1], turn, prior, slopes)
+    # Both are of one surface, to which the edge belongs or not.
+    place = replace(place, with_next=np.ones(k, bool))
+    return Factors.concatenate([place, slope]).select(np.arange(2 * k).reshape(2, k).T.ravel())
