@@ -310,3 +310,12 @@ def test_what_one_surface_behind_an_edge_explains_is_one_witness(parallel):
     is_of_the_wall = parallel < 0.5
     assert found.used.tolist() == [True, *3 * [is_of_the_wall], not is_of_the_wall]
     np.testing.assert_allclose(found.x[0] @ [1.0, -50.0], 99.0 if is_of_the_wall else 125.0, atol=0.5)
+
+
+def test_edges_of_one_corner_are_one_witness():
+    """A shelf behind a pole: two edges of the pole's foot end at one point of the shelf's edge, not in it."""
+    lines = measured([(45.0, 45.0), (53.0, 53.0), (53.0, 53.0)], [20.0, 0.1, 0.1])
+    meets = tied([(0, 50.0, 1, 0.0), (0, 50.0, 2, 0.0)], prior=0.4)
+    wood = about_one([(0.0, 36.0, 0.9), (1.0, 0.0, 3.0)], [0.9, 0.9], [True, False])
+    found = solved(lines, Factors.concatenate([meets, replace(wood, spread=np.array([30.0, 37.6]))]))
+    assert found.used.tolist() == [False, False, True, True]

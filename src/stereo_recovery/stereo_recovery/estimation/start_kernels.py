@@ -10,7 +10,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 from ..detection.settings import SMALLEST
-from .settings import MOST_SLOPE
+from .settings import MOST_SLOPE, SAME_PLACE
 
 
 class Statements(NamedTuple):
@@ -38,6 +38,25 @@ class Statements(NamedTuple):
     with_next: BoolArray
 
 
+class Causes(NamedTuple):
+    """What statements of one edge foretell others to say if they have one cause.
+
+    Attributes
+    ----------
+    source, target : (c,) int64
+    value, variance : (c,) float64
+        What the target's value is then, and the variance of what it misses that by.
+    peak : (c,) float64
+        Logarithm of the greatest density of it.
+    """
+
+    source: IntArray
+    target: IntArray
+    value: FloatArray
+    variance: FloatArray
+    peak: FloatArray
+
+
 class Told(NamedTuple):
     """Statements of one edge by what known edges say: row x = value, up to the variance.
 
@@ -49,12 +68,8 @@ class Told(NamedTuple):
     held, missed : (q,) float64
         Logarithms of the greatest density if a statement holds, with those that hold together with it, and of the
         density if it does not, each times its probability; by the first of them.
-    pair : (m,) int64
-        The first of two statements that hold together: they give both unknowns.
-    foretold, miss, peak : (m, q) float64
-        What such a pair foretells the value of every statement to be, the variance of what it misses it by, and the
-        logarithm of its greatest density.
     log_spread : (q,) float64
+    causes : Causes
     """
 
     factor: IntArray
@@ -64,11 +79,37 @@ class Told(NamedTuple):
     with_next: BoolArray
     held: FloatArray
     missed: FloatArray
-    pair: IntArray
-    foretold: FloatArray
-    miss: FloatArray
-    peak: FloatArray
     log_spread: FloatArray
+    causes: Causes
+
+
+@njit
+def _causes(row: FloatArray, value: FloatArray, variance: FloatArray, with_next: BoolArray) -> Causes:
+    """Two statements that hold together give both unknowns and foretell others; one foretells those of its place."""
+    n = len(value)
+    pair, count = np.empty((2, n * n), np.int64), 0
+    told, spread = np.empty(n * n), np.empty(n * n)
+    for s in range(n):
+        second = s > 0 and with_next[s - 1]
+        one, two = row[s], row[min(s + 1, n - 1)]
+        det = one[0] * two[1] - one[1] * two[0]
+        for t in range(n):
+            if s == t or second or with_next[t] or (t > 0 and with_next[t - 1]):
+                continue
+            if with_next[s]:
+                a, b = (row[t, 0] * two[1] - row[t, 1] * two[0]) / det, (row[t, 1] * one[0] - row[t, 0] * one[1]) / det
+                told[count] = a * value[s] + b * value[s + 1]
+                spread[count] = a * a * variance[s] + b * b * variance[s + 1] + variance[t]
+            else:
+                away = abs(row[t, 1] * one[0] - one[1] * row[t, 0])
+                if s > t or abs(one[0]) < 0.5 or away > SAME_PLACE * abs(one[0] * row[t, 0]):
+                    continue
+                a = row[t, 0] / one[0]
+                told[count], spread[count] = a * value[s], a * a * variance[s] + variance[t]
+            pair[0, count], pair[1, count] = s, t
+            count += 1
+    peak = -0.5 * np.log(2.0 * np.pi * spread[:count])
+    return Causes(pair[0, :count], pair[1, :count], told[:count], spread[:count], peak)
 
 
 @njit
@@ -94,31 +135,11 @@ def _told(s: Statements, e: int, known: BoolArray, x: FloatArray, covariance: Fl
     held, missed = np.log(np.maximum(prior, SMALLEST)), np.log(np.maximum(1.0 - prior, SMALLEST))
     held -= 0.5 * np.log(2.0 * np.pi * variance)
     missed -= log_spread
-    pair = np.flatnonzero(with_next)
-    foretold, miss = np.empty((len(pair), count)), np.empty((len(pair), count))
-    for m, q in enumerate(pair):
+    for q in np.flatnonzero(with_next):
         held[q] -= 0.5 * np.log(2.0 * np.pi * variance[q + 1])
         missed[q] -= log_spread[q + 1]
-        one, two = row[q], row[q + 1]
-        det = one[0] * two[1] - one[1] * two[0]
-        for k in range(count):
-            a, b = (row[k, 0] * two[1] - row[k, 1] * two[0]) / det, (row[k, 1] * one[0] - row[k, 0] * one[1]) / det
-            foretold[m, k] = a * value[q] + b * value[q + 1]
-            miss[m, k] = a * a * variance[q] + b * b * variance[q + 1] + variance[k]
-    return Told(
-        which,
-        row,
-        value,
-        variance,
-        with_next,
-        held,
-        missed,
-        pair,
-        foretold,
-        miss,
-        -0.5 * np.log(2.0 * np.pi * miss),
-        log_spread,
-    )
+    causes = _causes(row, value, variance, with_next)
+    return Told(which, row, value, variance, with_next, held, missed, log_spread, causes)
 
 
 @njit
@@ -142,18 +163,20 @@ def _add_causes(x: FloatArray, told: Told, gain: FloatArray, missed: FloatArray)
 
     A strip of texture that the edge does not belong to is a surface behind it. Edges of that surface end at this one,
     and say what the strip says; and where a corner shows that the surface meets the edge, the strip says so as well.
+    Edges that end at one point of this one by accident are those of one corner in front of it or behind it.
     """
-    for m, p in enumerate(told.pair):
-        if gain[p] > 0.0:
+    c = told.causes
+    for k in range(len(c.source)):
+        s, t = c.source[k], c.target[k]
+        if gain[s] > 0.0:
             continue
-        for q in range(len(gain)):
-            if told.with_next[q] or np.isnan(gain[q]) or (gain[q] > 0.0 and abs(told.row[q, 0]) < 0.5):
-                continue
-            holds = gain[q] > 0.0
-            value = told.row[q, 0] * x[0] + told.row[q, 1] * x[1] if holds else told.value[q]
-            square = (told.foretold[m, q] - value) ** 2 / told.miss[m, q]
-            k = p if holds else q
-            missed[k] = max(missed[k], told.missed[k] + told.log_spread[k] + told.peak[m, q] - 0.5 * square)
+        holds = gain[t] > 0.0
+        if holds and not (told.with_next[s] and abs(told.row[t, 0]) > 0.5):
+            continue
+        value = told.row[t, 0] * x[0] + told.row[t, 1] * x[1] if holds else told.value[t]
+        q = s if holds else t
+        density = c.peak[k] - 0.5 * (c.value[k] - value) ** 2 / c.variance[k]
+        missed[q] = max(missed[q], told.missed[q] + told.log_spread[q] + density)
 
 
 @njit
