@@ -80,9 +80,7 @@ def _main_hypotheses(seen: StereoSegments, row_sigma: float) -> Hypotheses:
     matches, left = seen.matches, seen.segments[0]
     own = line_pairs(matches, seen.segments, row_sigma).own_lines(left.extent[matches.left])
     own = own.about(matches.disparity[:, 1])
-    covariance = np.asarray(np.linalg.inv(own.information), np.float64)
-    x = np.einsum('nij,nj->ni', covariance, own.vector)
-    return by_left(match_of(matches.left, len(left)), x, covariance, matches.belief)
+    return by_left(match_of(matches.left, len(left)), own.x, own.covariance, matches.belief)
 
 
 def _with_stand_ins(

@@ -64,10 +64,9 @@ class ViewLines:
         """(m, 2), (m, 2, 2): what each match alone, and roughly its place, says of the main pair's unknowns."""
         matches, left = self.view.seen.matches, self.view.seen.segments[0]
         own = self.pairs.own_lines(left.extent[matches.left]).about(matches.disparity[:, 1])
-        covariance = np.linalg.inv(own.information)
         back = np.linalg.inv(self.turn)
-        x = np.einsum('nij,nj->ni', back, np.einsum('nij,nj->ni', covariance, own.vector) - self.shift)
-        return x, np.einsum('nij,njk,nlk->nil', back, covariance, back)
+        x = np.einsum('nij,nj->ni', back, own.x - self.shift)
+        return x, np.einsum('nij,njk,nlk->nil', back, own.covariance, back)
 
     def hypotheses(self) -> Hypotheses:
         """The same by left segments."""

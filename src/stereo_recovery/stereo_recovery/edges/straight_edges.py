@@ -96,14 +96,12 @@ def solved(seen: StereoSegments, beside: Beside) -> Estimate:
     """
     disparity = seen.matches.disparity
     lines = joint_lines(seen, beside.row_sigma, beside.views).about(disparity[:, 1])
-    own_covariance = np.asarray(np.linalg.inv(lines.information), np.float64)
-    known = end_sigma(own_covariance, lines).max(axis=1) < WELL_MEASURED
+    known = end_sigma(lines.covariance, lines).max(axis=1) < WELL_MEASURED
     slope = (disparity[:, 2] - disparity[:, 0]) / np.maximum(np.diff(lines.extent)[:, 0], 1.0)
     x = np.stack([disparity[:, 1] - slope * lines.extent.mean(axis=1), slope], axis=1)
     # Only what the right image shows of junctions depends on the unknowns.
     fixed = [make(seen) for make in (rounded_corner_factors, collinear_factors, end_factors)]
-    own_x = np.einsum('nij,nj->ni', own_covariance, lines.vector)
-    fixed += _texture(seen, known, (own_x, own_covariance), beside.strips)
+    fixed += _texture(seen, known, (lines.x, lines.covariance), beside.strips)
     factors = Factors.concatenate([junction_factors(seen, x), *fixed])
     found = estimate(lines, factors, np.zeros(len(factors), bool))
     for _ in range(GROUP_ROUNDS):

@@ -169,13 +169,8 @@ def probability(s: System, out: Solution, k: int, used: bool) -> float:
 @njit
 def probability_of_two(s: System, out: Solution, k: int, used: bool) -> float:
     """The same of factor k and the next one, which hold together."""
-    a, b, off_a, off_b, shared = (
-        out.variance[k],
-        out.variance[k + 1],
-        out.residual[k],
-        out.residual[k + 1],
-        out.shared[k],
-    )
+    a, b, shared = out.variance[k], out.variance[k + 1], out.shared[k]
+    off_a, off_b = out.residual[k], out.residual[k + 1]
     noise_a, noise_b = s.sigma[k] ** 2, s.sigma[k + 1] ** 2
     if used:
         # Both are taken out of the least squares: the inverse of one less variance over noise, from the left.

@@ -59,6 +59,16 @@ class OwnLines:
     extent: FloatArray
     with_line: FloatArray | None = None
 
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(n, 2, 2) of the unknowns."""
+        return np.asarray(np.linalg.inv(self.information), np.float64)
+
+    @cached_property
+    def x(self) -> FloatArray:
+        """(n, 2) unknowns."""
+        return np.asarray(np.einsum('nij,nj->ni', self.covariance, self.vector))
+
     @property
     def ends(self) -> FloatArray:
         """(n, 2, 2) rows h: h x is the disparity at either end."""
@@ -141,8 +151,7 @@ def _start(equations: NormalEquations, lines: OwnLines, used: BoolArray) -> Bool
     """(k,) bool: ``used``, and of edges that are open with those the statements of their likeliest depths."""
     used = used.copy()
     statements = _statements(equations.factors, len(lines.extent))
-    covariance = np.linalg.inv(lines.information)
-    own = lines.information, np.einsum('nij,nj->ni', covariance, lines.vector), covariance
+    own = lines.information, lines.x, lines.covariance
     for _ in range(START_ROUNDS):
         solution = equations.solve(used)
         open_edges = end_sigma(solution.covariance, lines).max(axis=1) >= WELL_MEASURED
@@ -167,10 +176,9 @@ def without_accidents(found: Estimate) -> FloatArray:
     accident = np.zeros(len(found.x))
     for edge, row in ((factors.edge, factors.row), (factors.other, factors.other_row)):
         # Of its slope others speak: their rows have hardly a first number. What holds with the one before says no more.
-        more = np.append(False, factors.with_next)[: len(edge)]
-        tells = np.flatnonzero(found.used & (edge >= 0) & (row[:, 0] > 0.5) & ~more)
+        tells = np.flatnonzero(found.used & (edge >= 0) & (row[:, 0] > 0.5) & factors.first)
         np.add.at(accident, edge[tells], np.log(np.maximum(1.0 - found.holds[tells], SMALLEST)))
-    own = np.linalg.inv(found.lines.information)
+    own = found.lines.covariance
     doubted = (end_sigma(own, found.lines).max(axis=1) >= OPEN_SIGMA) & (accident > np.log(ACCIDENT))
     return np.where(doubted[:, None, None], own, found.covariance)
 
@@ -236,7 +244,7 @@ def told_prior(factors: Factors, known: BoolArray, x: FloatArray, covariance: Fl
     variance = np.einsum('ki,kij,kj->k', told.row, covariance[told.edge], told.row) + told.sigma**2
     odds = told.spread * np.exp(-0.5 * off**2 / variance) / np.sqrt(2.0 * np.pi * variance)
     prior = factors.prior
-    first = np.flatnonzero(~np.append(False, told.with_next)[: len(odds)])
+    first = np.flatnonzero(told.first)
     odds = np.multiply.reduceat(odds, first) if len(first) else odds
     for _ in range(PRIOR_ROUNDS):
         share = prior[telling][first]

@@ -52,7 +52,7 @@ class Factors:
     spread : (k,) float64, pixels
         Range over which the product is even if it does not.
     with_next : (k,) bool
-        Whether it says the same of the same edge as the next one, another number of it: both hold, or neither does.
+        Whether it and the next one are two numbers of one thing, about the same edges: both hold, or neither does.
     """
 
     edge: IntArray
@@ -67,6 +67,11 @@ class Factors:
 
     def __len__(self) -> int:
         return len(self.edge)
+
+    @property
+    def first(self) -> BoolArray:
+        """(k,) bool: False for those that hold together with the one before."""
+        return np.asarray(~np.append(False, self.with_next)[: len(self)])
 
     def select(self, index: AnyArray) -> Factors:
         """A subset: (m,) indices or (k,) bool."""

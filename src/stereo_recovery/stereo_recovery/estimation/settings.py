@@ -89,7 +89,7 @@ STRIP_NEAR, STRIP_FAR, STRIP_SAMPLES = 2, 12, 100
 # for that, and of rows for a strip to be a witness of them. [R]
 STRIP_ROUNDS, STRIP_CONVERGED, STRIP_SHARP = 12, 0.05, 0.4
 # Sigma of disparity's gradients on surfaces, px a pixel. [R]
-SURFACE_SLOPE = 0.15
+STRIP_SLOPE_SIGMA = 0.15
 # Share of a strip's variance that its alignment has to explain. [R]
 STRIP_LEAST_SHARE = 0.5
 # Sigma of the gain between the two strips, and of the shift, grey levels. [R]

@@ -65,6 +65,8 @@ class Told(NamedTuple):
     factor : (q,) int64
     row, value, variance : (q, 2), (q,), (q,) float64
     with_next : (q,) bool
+    first : (q,) bool
+        False for those that hold together with the one before.
     held, missed : (q,) float64
         Logarithms of the greatest density if a statement holds, with those that hold together with it, and of the
         density if it does not, each times its probability; by the first of them.
@@ -77,6 +79,7 @@ class Told(NamedTuple):
     value: FloatArray
     variance: FloatArray
     with_next: BoolArray
+    first: BoolArray
     held: FloatArray
     missed: FloatArray
     log_spread: FloatArray
@@ -84,17 +87,17 @@ class Told(NamedTuple):
 
 
 @njit
-def _causes(row: FloatArray, value: FloatArray, variance: FloatArray, with_next: BoolArray) -> Causes:
+def _causes(row: FloatArray, value: FloatArray, variance: FloatArray, with_next: BoolArray, first: BoolArray) -> Causes:
     """Two statements that hold together give both unknowns and foretell others; one foretells those of its place."""
     n = len(value)
     pair, count = np.empty((2, n * n), np.int64), 0
     told, spread = np.empty(n * n), np.empty(n * n)
-    for s in range(n):
-        second = s > 0 and with_next[s - 1]
-        one, two = row[s], row[min(s + 1, n - 1)]
+    single = np.flatnonzero(first & ~with_next)
+    for s in np.flatnonzero(first):
+        one, two = row[s], row[(s + 1) % n]
         det = one[0] * two[1] - one[1] * two[0]
-        for t in range(n):
-            if s == t or second or with_next[t] or (t > 0 and with_next[t - 1]):
+        for t in single:
+            if s == t:
                 continue
             if with_next[s]:
                 a, b = (row[t, 0] * two[1] - row[t, 1] * two[0]) / det, (row[t, 1] * one[0] - row[t, 0] * one[1]) / det
@@ -138,23 +141,23 @@ def _told(s: Statements, e: int, known: BoolArray, x: FloatArray, covariance: Fl
     for q in np.flatnonzero(with_next):
         held[q] -= 0.5 * np.log(2.0 * np.pi * variance[q + 1])
         missed[q] -= log_spread[q + 1]
-    causes = _causes(row, value, variance, with_next)
-    return Told(which, row, value, variance, with_next, held, missed, log_spread, causes)
+    first = np.ones(count, np.bool_)
+    first[1:] = ~with_next[:-1]
+    causes = _causes(row, value, variance, with_next, first)
+    return Told(which, row, value, variance, with_next, first, held, missed, log_spread, causes)
 
 
 @njit
 def _fill_gains(x: FloatArray, told: Told, gain: FloatArray) -> None:
-    """Log odds (q,) that statements hold at unknowns x (2,); NaN for those that hold together with the one before."""
-    q = 0
-    while q < len(gain):
+    """Log odds (q,) that statements hold at unknowns x (2,)."""
+    for q in range(len(gain)):
         off = told.row[q, 0] * x[0] + told.row[q, 1] * x[1] - told.value[q]
-        square = off * off / told.variance[q]
-        if told.with_next[q]:
-            off = told.row[q + 1, 0] * x[0] + told.row[q + 1, 1] * x[1] - told.value[q + 1]
-            square += off * off / told.variance[q + 1]
-            gain[q + 1] = np.nan
-        gain[q] = told.held[q] - 0.5 * square - told.missed[q]
-        q += 2 if told.with_next[q] else 1
+        loss = 0.5 * off * off / told.variance[q]
+        if told.first[q]:
+            gain[q] = told.held[q] - told.missed[q] - loss
+        else:
+            gain[q - 1] -= loss
+            gain[q] = gain[q - 1]
 
 
 @njit
@@ -194,15 +197,12 @@ def _log_evidence(
     _fill_gains(x, told, gain)
     missed[:] = told.missed
     _add_causes(x, told, gain, missed)
-    holds = False
     for q in range(len(gain)):
-        if not np.isnan(gain[q]):
-            holds = gain[q] > 0.0
-            total += missed[q]
+        if told.first[q]:
             more = gain[q] + told.missed[q] - missed[q]
             # Beyond these the sum of both is the larger one.
-            total += more if more > 30.0 else np.log1p(np.exp(more)) if more > -30.0 else 0.0
-        if holds:
+            total += missed[q] + (more if more > 30.0 else np.log1p(np.exp(more)) if more > -30.0 else 0.0)
+        if gain[q] > 0.0:
             i00 += told.row[q, 0] ** 2 / told.variance[q]
             i01 += told.row[q, 0] * told.row[q, 1] / told.variance[q]
             i11 += told.row[q, 1] ** 2 / told.variance[q]
@@ -258,9 +258,7 @@ def likeliest(
         told = _told(s, e, known, x, covariance)
         gain = np.empty(len(told.value))
         _fill_gains(_likeliest_mode(told, own_x[e], own_covariance[e], information[e]), told, gain)
-        holds = False
-        for q in range(len(gain)):
-            holds = holds if np.isnan(gain[q]) else gain[q] > 0.0
-            changed |= used[told.factor[q]] != holds
-            used[told.factor[q]] = holds
+        for k, holds in zip(told.factor, gain > 0.0):
+            changed |= used[k] != holds
+            used[k] = holds
     return changed

@@ -33,7 +33,7 @@ from .settings import (
     STRIP_ROW_PRIOR,
     STRIP_SHARP,
     STRIP_SIGMA,
-    SURFACE_SLOPE,
+    STRIP_SLOPE_SIGMA,
 )
 from .texture_kernels import ALIGNED, UNKNOWN, align_strips
 
@@ -186,7 +186,7 @@ def texture_factors(
     rows = np.stack([np.ones(k), at], axis=1), np.stack([np.zeros(k), length], axis=1)
     place = Factors.of_one(edge, rows[0], value[:, 0] + at * value[:, 1], sigma, prior, spread)
     # The slope of an accident is that of another surface, whose normal distribution is worth this range.
-    slopes = np.sqrt(2.0 * np.pi) * SURFACE_SLOPE * length
+    slopes = np.sqrt(2.0 * np.pi) * STRIP_SLOPE_SIGMA * length
     slope = Factors.of_one(edge, rows[1], length * value[:, 1], turn, prior, slopes)
     # Both are of one surface, to which the edge belongs or not.
     place = replace(place, with_next=np.ones(k, bool))

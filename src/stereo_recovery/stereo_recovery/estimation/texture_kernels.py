@@ -27,8 +27,8 @@ from .settings import (
     STRIP_SAMPLES,
     STRIP_SHARP,
     STRIP_SHIFT_SIGMA,
+    STRIP_SLOPE_SIGMA,
     STRIP_STARTS,
-    SURFACE_SLOPE,
 )
 
 # Unknowns of a strip: disparity where it begins, its gradients along and across the edge, gain and shift of grey
@@ -256,7 +256,7 @@ def _start(strip: FloatArray, dense: Float32Array, f: float, p: FloatArray, cova
         return False
     a, b = np.median(value[:m]), 0.0
     for _ in range(STRIP_FITS):
-        n, ns, nss, v, vs = 0.0, 0.0, (SURFACE_SLOPE * f) ** -2.0, 0.0, 0.0
+        n, ns, nss, v, vs = 0.0, 0.0, (STRIP_SLOPE_SIGMA * f) ** -2.0, 0.0, 0.0
         for k in range(m):
             s = place[k]
             weight = 1.0 / (1.0 + ((value[k] - a - b * s) * f) ** 2)
@@ -297,8 +297,8 @@ def align_strips(
     prior = np.array(
         [
             MATCH_SIGMA**-2.0,
-            SURFACE_SLOPE**-2.0,
-            SURFACE_SLOPE**-2.0,
+            STRIP_SLOPE_SIGMA**-2.0,
+            STRIP_SLOPE_SIGMA**-2.0,
             STRIP_GAIN_SIGMA**-2.0,
             STRIP_SHIFT_SIGMA**-2.0,
             STRIP_ROW_PRIOR**-2.0,
