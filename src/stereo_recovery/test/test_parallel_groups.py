@@ -133,6 +133,36 @@ def test_an_edge_between_parallel_ones_whose_line_runs_elsewhere_is_not_turned()
     assert not np.allclose(found.x[0], before.x[0], rtol=1e-9)
 
 
+def test_edges_with_wrong_slopes_found_no_second_group_of_one_direction():
+    """A slope that is off by ten sigma makes its edge seed a group of its neighbours, which are taken already."""
+    middles, directions = places(24), np.tile(UP, (24, 1))
+    lines, left = seen(middles, directions, 8)
+    lines.vector[::6, 1] += 10.0 / SLOPE_SIGMA
+    covariance = np.linalg.inv(lines.information)
+    known = np.einsum('nij,nj->ni', covariance, lines.vector), covariance
+    factors = parallel_factors(left, np.arange(24), known, known, [], RIG)
+    assert sorted(factors.edge) == list(range(24))
+    exact, _ = seen(middles, directions, None)
+    slope = exact.vector[:, 1] / exact.information[:, 1, 1]
+    true = np.stack([exact.vector[:, 0] / exact.information[:, 0, 0], slope], axis=1)
+    off = factors.value - np.einsum('ki,ki->k', factors.row, true[factors.edge])
+    assert (np.abs(off) < 4.0 * factors.sigma).all()
+
+
+def test_an_edge_between_two_directions_is_told_by_the_likelier_group_alone():
+    """Directions that look alike in the image, and recede differently: an edge's own slope says which is its."""
+    other = np.array([UP[0], UP[1], UP[2] - 0.5])
+    directions = np.concatenate([np.tile(UP, (12, 1)), np.tile(other / np.linalg.norm(other), (12, 1))])
+    middles = places(24)
+    # Both vanishing points are on the picture of this plane, on which the lines of either run to the other as well.
+    normal = np.cross(UP, other)
+    middles -= np.outer((middles @ normal) / (normal @ normal), normal)
+    lines, left = seen(middles, directions, 9)
+    found = told(lines, left, [])
+    assert len(np.unique(found.factors.edge)) == len(found.factors)
+    assert np.sqrt(np.mean(off(found, middles, directions) ** 2)) < 0.5
+
+
 def test_nothing_is_told_where_there_is_nothing():
     lines, left = seen(np.zeros((0, 3)), np.zeros((0, 3)), 6)
     assert len(told(lines, left, [circle(UP)]).x) == 0

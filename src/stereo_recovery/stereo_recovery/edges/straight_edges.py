@@ -18,13 +18,12 @@ from ..estimation.estimate import (
     end_sigma,
     estimate,
     told_prior,
-    unit_variance,
     without_accidents,
     without_itself,
 )
 from ..estimation.factors import Factors, collinear_factors, end_factors, junction_factors, rounded_corner_factors
 from ..estimation.parallel_groups import parallel_factors
-from ..estimation.settings import GROUP_ROUNDS, MOST_CORNER_SIGMA, WELL_MEASURED
+from ..estimation.settings import GROUP_ROUNDS, MOST_CORNER_SIGMA, REDUNDANCY, WELL_MEASURED
 from ..estimation.texture import AlignedStrips, texture_factors
 from ..estimation.texture_kernels import ALIGNED, DENSE
 from ..matching.stereo_segments import StereoSegments
@@ -89,6 +88,15 @@ def _texture(
     return result
 
 
+def _scatter(found: Estimate, which: slice) -> float:
+    """How much slopes miss statements of them beyond their sigmas, whose own word counts as well; px a pixel."""
+    off, variance = without_itself(found.factors, found.solution, found.used)
+    told = ~np.isnan(found.misfit[which])
+    off, row = off[which][told], found.factors.row[which, 1][told]
+    variance = variance[which][told] + found.factors.sigma[which][told] ** 2
+    return float(np.sqrt(max(((off**2 - variance) / row**2).sum(), 0.0) / (len(row) + REDUNDANCY)))
+
+
 def solved(seen: StereoSegments, beside: Beside) -> Estimate:
     """The disparities of all edges: first without parallel groups, which known edges show, then with them.
 
@@ -113,10 +121,10 @@ def solved(seen: StereoSegments, beside: Beside) -> Estimate:
         parallel = parallel_factors(seen.segments[0], seen.matches.left, so_far, alone, beside.curves, beside.rig)
         used = np.concatenate([found.used[: len(own)], np.zeros(len(parallel), bool)])
         found = estimate(lines, Factors.concatenate([own, parallel]), used, len(own), found.place)
-        # Groups whose edges miss them by more than their sigmas say are told with larger ones, and no other factor.
-        scatter = unit_variance(found.misfit[len(own) :])
-        if scatter > 1.0:
-            parallel = replace(parallel, sigma=np.sqrt(scatter) * parallel.sigma)
+        # What is called parallel is so nearly: groups tell slopes no better than their edges agree with them.
+        more = _scatter(found, slice(len(own), None))
+        if more > 0.0:
+            parallel = replace(parallel, sigma=np.hypot(parallel.sigma, more * parallel.row[:, 1]))
             found = estimate(lines, Factors.concatenate([own, parallel]), found.used, len(own), found.place)
     return found
 

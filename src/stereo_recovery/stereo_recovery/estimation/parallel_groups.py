@@ -73,32 +73,39 @@ def parallel_factors(
         return Factors.none()
     rows, bare = (_rows(left, index[usable], a[usable], b[usable], rig) for a, b in (known, alone))
     axes = np.array([_of_normal(c) for c in sorted(curves, key=lambda c: c.tilt)]).reshape(-1, 3, 3)
-    found = []
+    found, odds = [], []
     length = left.length[index[usable]]
     for direction, total, fits, others, share in zip(
         *parallel_kernels.groups(rows, bare, np.argsort(covariance[usable, 1, 1]), axes)
     ):
         by, noise, chance, good = parallel_kernels.told(rows, bare, total, direction, fits, others)
-        k = np.flatnonzero(good)
+        # Axes of circles alone, to which no edge is known to run, tell none.
+        k = np.flatnonzero(good & (share > 0.0))
         row = np.stack([by[:, 0] / rig.left.fx / by[:, 1], np.ones(len(by))], axis=1)
         at_infinity = row[k, 0] * (rig.left.cx - rig.right.cx)
         # A line that runs to the point where the group meets is of the group, or happens to run there.
-        prior = share / (share + (1.0 - share) * chance[k])
+        odds.append(share / ((1.0 - share) * chance[k]))
         found.append(
             Factors.of_one(
                 usable[k],
                 row[k] * length[k, None],
                 at_infinity * length[k],
                 np.sqrt(noise[k]) * length[k],
-                prior,
+                odds[-1] / (1.0 + odds[-1]),
                 SLOPE_SPREAD * length[k],
             )
         )
-    return _without_repetition(Factors.concatenate(found), x) if found else Factors.none()
+    return _likeliest(Factors.concatenate(found), np.concatenate(odds), alone) if found else Factors.none()
 
 
-def _without_repetition(factors: Factors, x: FloatArray) -> Factors:
-    """The factors without what says the same of an edge as a better known one: groups of nearly one direction."""
-    off = factors.value - (factors.row * x[factors.edge]).sum(axis=1)
-    order = np.argsort(factors.sigma, kind='stable')
-    return factors.select(parallel_kernels.without_repetition(factors.edge, off, factors.sigma, order, len(x)))
+def _likeliest(factors: Factors, odds: FloatArray, alone: tuple[AnyArray, AnyArray]) -> Factors:
+    """Of what groups say of an edge that of the one it most likely belongs to: an edge has one direction.
+
+    odds : (k,) by its line that it is of the group; alone : see :func:`parallel_factors`
+    """
+    x, covariance = (of[factors.edge] for of in alone)
+    off = factors.value - np.einsum('ki,ki->k', factors.row, x)
+    variance = np.einsum('ki,kij,kj->k', factors.row, covariance, factors.row) + factors.sigma**2
+    likelihood = np.log(odds) - 0.5 * (off**2 / variance + np.log(variance))
+    order = np.lexsort((-likelihood, factors.edge))
+    return factors.select(order[np.unique(factors.edge[order], return_index=True)[1]])
