@@ -133,8 +133,8 @@ def test_an_edge_between_parallel_ones_whose_line_runs_elsewhere_is_not_turned()
     assert not np.allclose(found.x[0], before.x[0], rtol=1e-9)
 
 
-def test_edges_with_wrong_slopes_found_no_second_group_of_one_direction():
-    """A slope that is off by ten sigma makes its edge seed a group of its neighbours, which are taken already."""
+def test_edges_with_wrong_slopes_make_no_edge_be_told_twice():
+    """A slope that is off by ten sigma makes its edge seed the group of its neighbours again."""
     middles, directions = places(24), np.tile(UP, (24, 1))
     lines, left = seen(middles, directions, 8)
     lines.vector[::6, 1] += 10.0 / SLOPE_SIGMA

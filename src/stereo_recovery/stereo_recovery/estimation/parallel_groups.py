@@ -79,8 +79,7 @@ def parallel_factors(
         *parallel_kernels.groups(rows, bare, np.argsort(covariance[usable, 1, 1]), axes)
     ):
         by, noise, chance, good = parallel_kernels.told(rows, bare, total, direction, fits, others)
-        # Axes of circles alone, to which no edge is known to run, tell none.
-        k = np.flatnonzero(good & (share > 0.0))
+        k = np.flatnonzero(good)
         row = np.stack([by[:, 0] / rig.left.fx / by[:, 1], np.ones(len(by))], axis=1)
         at_infinity = row[k, 0] * (rig.left.cx - rig.right.cx)
         # A line that runs to the point where the group meets is of the group, or happens to run there.

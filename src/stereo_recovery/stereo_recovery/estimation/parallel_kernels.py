@@ -16,7 +16,6 @@ from .settings import (
     FALSE_GROUPS,
     GROUP_DOUBT,
     GROUP_SEEDS,
-    GROWTH_ROUNDS,
     LEAST_LEVER,
     LEAST_MEMBERS,
     MOST_GROUPS,
@@ -108,22 +107,20 @@ def squares_by_themselves(rows: Rows) -> FloatArray:
 
 @njit
 def grown(
-    rows: Rows, bare: Rows, seed: FloatArray, axes: FloatArray, taken: BoolArray
+    rows: Rows, bare: Rows, seed: FloatArray, axes: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray, BoolArray]:
     """The group that a seed's normal matrix (3, 3) finds.
 
     rows, bare : by all that is known, which says who belongs to it, and without any group, which makes the direction
-    axes : (k, 3, 3) normal matrices of axes of circles; taken : (n,) bool, edges of other groups
+    axes : (k, 3, 3) normal matrices of axes of circles
 
     Returns its direction (3,), the normal matrix (3, 3) that its edges make in that direction, of each edge the chance
     (n,) to agree with it by accident, whether it fits (n,), and which axes do (k,).
     """
     n = len(rows.image)
     d, total, chance = np.zeros(3), seed, np.empty(n)
-    fits, same = np.zeros(n, np.bool_), np.empty(len(axes), np.bool_)
-    changed, rounds = True, 0
-    while changed and rounds < GROWTH_ROUNDS:
-        changed, rounds = rounds == 0, rounds + 1
+    fits, same = np.empty(n, np.bool_), np.empty(len(axes), np.bool_)
+    for _ in range(2):
         d, spread = direction(total)
         total = np.zeros((3, 3))
         for i in range(n):
@@ -131,12 +128,10 @@ def grown(
             image += _form(spread, rows.image[i])
             depth += _form(spread, rows.depth[i])
             chance[i] = _chance(image, _run(rows, i, d)) * _chance(depth, abs(rows.disparity[i]))
-            fit = _product(rows.image[i], d) ** 2 < BOUND_SIGMA**2 * image
-            fit &= _product(rows.depth[i], d) ** 2 < BOUND_SIGMA**2 * depth
-            fit &= chance[i] < CLEAR and not taken[i]
-            changed |= fit != fits[i]
-            fits[i] = fit
-            if fit:
+            fits[i] = _product(rows.image[i], d) ** 2 < BOUND_SIGMA**2 * image
+            fits[i] &= _product(rows.depth[i], d) ** 2 < BOUND_SIGMA**2 * depth
+            fits[i] &= chance[i] < CLEAR
+            if fits[i]:
                 _add_squares(bare, i, d, total)
         for k in range(len(axes)):
             product = 0.0
@@ -175,14 +170,14 @@ class Groups(NamedTuple):
 
 @njit(nogil=True)
 def groups(rows: Rows, bare: Rows, order: IntArray, axes: FloatArray) -> Groups:
-    """Directions that edges share; each edge is of one group at most, for it has one direction.
+    """Directions that edges share.
 
     rows, bare : who is of a group is asked by all that is known, what it says is told by what no group has told
     order : seeds, the best known edge first; axes : (k, 3, 3) what axes of circles say, the best known first
     """
     n, found, tried = len(order), 0, 0
     alone = squares_by_themselves(bare)
-    taken, told_axes = np.zeros(n, np.bool_), np.zeros(len(axes), np.bool_)
+    told_edges, told_axes = np.zeros(n, np.bool_), np.zeros(len(axes), np.bool_)
     out = Groups(
         np.empty((MOST_GROUPS, 3)),
         np.empty((MOST_GROUPS, 3, 3)),
@@ -192,24 +187,24 @@ def groups(rows: Rows, bare: Rows, order: IntArray, axes: FloatArray) -> Groups:
     )
     for seed in range(len(axes) + n):
         k = seed if seed < len(axes) else order[seed - len(axes)]
-        if told_axes[k] if seed < len(axes) else taken[k]:
+        if told_axes[k] if seed < len(axes) else told_edges[k]:
             continue
         if found == MOST_GROUPS or tried == GROUP_SEEDS:
             break
         tried += 1
-        d, total, chance, fits, same = grown(rows, bare, axes[k] if seed < len(axes) else alone[k], axes, taken)
+        d, total, chance, fits, same = grown(rows, bare, axes[k] if seed < len(axes) else alone[k], axes)
         members, clear, mean = fits.sum(), 0, 0.0
         others = members - fits + 2 * same.sum()
         for i in range(n):
             if chance[i] < CLEAR:
                 clear += 1
-                mean += 0.0 if taken[i] else chance[i]
+                mean += chance[i]
         # So many edges of any directions would agree with one of all seeds by accident.
         false_alarms = min(GROUP_SEEDS, n) * _poisson_tail(mean, others.max())
-        if others.max() >= LEAST_MEMBERS - 1 and false_alarms < FALSE_GROUPS:
+        if members > 0 and others.max() >= LEAST_MEMBERS - 1 and false_alarms < FALSE_GROUPS:
             out.direction[found], out.total[found], out.fits[found], out.others[found] = d, total, fits, others
             out.share[found] = members / (GROUP_DOUBT + clear)
-            taken |= fits
+            told_edges |= fits
             told_axes |= same
             found += 1
     return Groups(out.direction[:found], out.total[:found], out.fits[:found], out.others[:found], out.share[:found])

@@ -48,8 +48,8 @@ GROUP_DOUBT = 10.0
 MOST_GROUPS, GROUP_SEEDS = 12, 100
 # Share of an edge's direction that is seen, below which it recedes too steeply to be told its slope. [R]
 LEAST_LEVER = 0.1
-# So often groups are looked for and told, and a group is grown so often at most. [R] bounds the time
-GROUP_ROUNDS, GROWTH_ROUNDS = 2, 5
+# So often groups are looked for and told. [R]
+GROUP_ROUNDS = 2
 # Slopes of disparity at random are even over this range, px a pixel. [R]
 SLOPE_SPREAD = 1.0
 
