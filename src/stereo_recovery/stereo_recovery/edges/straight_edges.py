@@ -88,13 +88,16 @@ def _texture(
     return result
 
 
-def _scatter(found: Estimate, which: slice) -> float:
-    """How much slopes miss statements of them beyond their sigmas, whose own word counts as well; px a pixel."""
+def _scatter(found: Estimate, parallel: int) -> float:
+    """How much slopes miss what groups say of them beyond the sigmas, whose own word counts as well; px a pixel.
+
+    parallel : the first of the factors that groups make
+    """
     off, variance = without_itself(found.factors, found.solution, found.used)
-    told = ~np.isnan(found.misfit[which])
-    off, row = off[which][told], found.factors.row[which, 1][told]
-    variance = variance[which][told] + found.factors.sigma[which][told] ** 2
-    return float(np.sqrt(max(((off**2 - variance) / row**2).sum(), 0.0) / (len(row) + REDUNDANCY)))
+    told = parallel + np.flatnonzero(~np.isnan(found.misfit[parallel:]))
+    excess = off[told] ** 2 - (variance[told] + found.factors.sigma[told] ** 2)
+    total = float((excess / found.factors.row[told, 1] ** 2).sum())
+    return float(np.sqrt(max(total, 0.0) / (len(told) + REDUNDANCY)))
 
 
 def solved(seen: StereoSegments, beside: Beside) -> Estimate:
@@ -122,7 +125,7 @@ def solved(seen: StereoSegments, beside: Beside) -> Estimate:
         used = np.concatenate([found.used[: len(own)], np.zeros(len(parallel), bool)])
         found = estimate(lines, Factors.concatenate([own, parallel]), used, len(own), found.place)
         # What is called parallel is so nearly: groups tell slopes no better than their edges agree with them.
-        more = _scatter(found, slice(len(own), None))
+        more = _scatter(found, len(own))
         if more > 0.0:
             parallel = replace(parallel, sigma=np.hypot(parallel.sigma, more * parallel.row[:, 1]))
             found = estimate(lines, Factors.concatenate([own, parallel]), found.used, len(own), found.place)

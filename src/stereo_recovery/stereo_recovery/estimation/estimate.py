@@ -240,8 +240,7 @@ def told_prior(factors: Factors, known: BoolArray, x: FloatArray, covariance: Fl
     """
     telling = known[factors.edge]
     told = factors.select(telling)
-    off = np.einsum('ki,ki->k', told.row, x[told.edge]) - told.value
-    variance = np.einsum('ki,kij,kj->k', told.row, covariance[told.edge], told.row) + told.sigma**2
+    off, variance = told.misses(x, covariance)
     odds = told.spread * np.exp(-0.5 * off**2 / variance) / np.sqrt(2.0 * np.pi * variance)
     prior = factors.prior
     first = np.flatnonzero(told.first)

@@ -73,6 +73,24 @@ class Factors:
         """(k,) bool: False for those that hold together with the one before."""
         return np.asarray(~np.append(False, self.with_next)[: len(self)])
 
+    def misses(self, x: AnyArray, covariance: AnyArray) -> tuple[FloatArray, FloatArray]:
+        """What statements about one edge each miss edges by, that know nothing of them.
+
+        Parameters
+        ----------
+        x, covariance : (n, 2), (n, 2, 2)
+            The edges' unknowns.
+
+        Returns
+        -------
+        off : (k,) float64, pixels
+            Values less what the edges say.
+        variance : (k,) float64
+            Of that, if the statements hold.
+        """
+        off = self.value - np.einsum('ki,ki->k', self.row, x[self.edge])
+        return off, np.einsum('ki,kij,kj->k', self.row, covariance[self.edge], self.row) + self.sigma**2
+
     def select(self, index: AnyArray) -> Factors:
         """A subset: (m,) indices or (k,) bool."""
         return Factors(*(getattr(self, f.name)[index] for f in fields(self)))

@@ -67,7 +67,6 @@ def parallel_factors(
         Their normals are directions of the object as well.
     rig : StereoRig
     """
-    x, covariance = known
     usable = np.flatnonzero(left.arc[index] < 0)
     if len(usable) == 0:
         return Factors.none()
@@ -76,7 +75,7 @@ def parallel_factors(
     found, odds = [], []
     length = left.length[index[usable]]
     for direction, total, fits, others, share in zip(
-        *parallel_kernels.groups(rows, bare, np.argsort(covariance[usable, 1, 1]), axes)
+        *parallel_kernels.groups(rows, bare, np.argsort(known[1][usable, 1, 1]), axes)
     ):
         by, noise, chance, good = parallel_kernels.told(rows, bare, total, direction, fits, others)
         k = np.flatnonzero(good)
@@ -102,9 +101,7 @@ def _likeliest(factors: Factors, odds: FloatArray, alone: tuple[AnyArray, AnyArr
 
     odds : (k,) by its line that it is of the group; alone : see :func:`parallel_factors`
     """
-    x, covariance = (of[factors.edge] for of in alone)
-    off = factors.value - np.einsum('ki,ki->k', factors.row, x)
-    variance = np.einsum('ki,kij,kj->k', factors.row, covariance, factors.row) + factors.sigma**2
+    off, variance = factors.misses(*alone)
     likelihood = np.log(odds) - 0.5 * (off**2 / variance + np.log(variance))
     order = np.lexsort((-likelihood, factors.edge))
     return factors.select(order[np.unique(factors.edge[order], return_index=True)[1]])
