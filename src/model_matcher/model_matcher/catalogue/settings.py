@@ -65,7 +65,7 @@ class Round(NamedTuple):
     each: int
 
 
-ROUNDS = (Round(3000, 8, 3), Round(500, 24, 8), Round(100, 128, 64))
+ROUNDS = (Round(10_000, 8, 3), Round(500, 24, 8), Round(100, 128, 64))
 # Models by their poses, the best of all, that are looked at for what data they explain; objects that are told apart by
 # it; and how many models are weighed for each.
 LOOKED_AT = 512
