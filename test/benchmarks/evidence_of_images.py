@@ -23,15 +23,25 @@ from bench_poses import recovered
 from pose_scoring import WRONG_DEG, WRONG_M
 from reliability import Stated
 from scipy.optimize import minimize, minimize_scalar
-from scipy.special import betaln
+from scipy.special import betaln, expit
 from true_pairs import data_folder, load_pair
 from true_poses import ALIKE, Part, PosedPair, difference, parts_of, posed_names, posed_pair
 
 from model_matcher import MatchParams
 from model_matcher.geometry.pose_rows import as_pose
 from model_matcher.image_pose.measurement import Presence, searched
-from model_matcher.image_pose.presence import bent, chance_beside, over_views
-from model_matcher.image_pose.settings import OTHERS_EDGES, OTHERS_FACES, REACH, SURFACE_OF_OTHERS, SURFACE_OF_OWN
+from model_matcher.image_pose.presence import bent, chance_beside, over_views, polarities, reversals
+from model_matcher.image_pose.settings import (
+    HIDDEN,
+    OTHERS_EDGES,
+    OTHERS_FACES,
+    REACH,
+    REVERSALS_OF_OTHERS,
+    REVERSALS_OF_OWN,
+    REVERSING,
+    SURFACE_OF_OTHERS,
+    SURFACE_OF_OWN,
+)
 from model_matcher.image_pose.surface import Agreement, agreement, log_ratio
 from model_matcher.image_pose.views import Views
 from model_matcher.pipeline import match, warm_up
@@ -60,8 +70,24 @@ NAMES = (
     'own surface, b',
     "others' surface, a",
     "others' surface, b",
+    'own reversals, a',
+    'own reversals, b',
+    "others' reversals, a",
+    "others' reversals, b",
+    'own, reversing',
+    "others', reversing",
 )
-IN_USE = np.array([*IMAGE_EVIDENCE, *OTHERS_EDGES, *SURFACE_OF_OWN, *SURFACE_OF_OTHERS])
+IN_USE = np.array(
+    [
+        *IMAGE_EVIDENCE,
+        *OTHERS_EDGES,
+        *SURFACE_OF_OWN,
+        *SURFACE_OF_OTHERS,
+        *REVERSALS_OF_OWN,
+        *REVERSALS_OF_OTHERS,
+        *REVERSING,
+    ]
+)
 
 
 @dataclass(frozen=True)
@@ -69,8 +95,8 @@ class Best:
     """The best hypothesis of one search that is right, or the best of one for a part that is absent.
 
     right : whether the part is there; features, outline : nats; faces : patches of each that agree, and that could;
-    train : whether its pair is one to fit to; curves : of each curve of its outline, whether it is bent, and the
-    log-likelihoods of its confirmations when an edge in space lies there, and when none does
+    train : whether its pair is one to fit to; curves : of each curve of its outline, whether it is bent, and what is
+    confirmed of it, see over_views and reversals
     """
 
     family: str
@@ -81,7 +107,7 @@ class Best:
     outline: float
     faces: list[tuple[int, int]]
     train: bool
-    curves: list[tuple[bool, float, float]]
+    curves: list[tuple[bool, float, float, float, float]]
 
     @property
     def kind(self) -> str:
@@ -186,15 +212,18 @@ def _with_surface(one: image_evidence.Weighed, part: Part, views: Views) -> imag
     return replace(one, surface=agreement(shape, as_pose(one.motion), one.shown.sight, views))
 
 
-def _curves(shown_there: Presence, views: Views) -> list[tuple[bool, float, float]]:
+def _curves(shown_there: Presence, views: Views) -> list[tuple[bool, float, float, float, float]]:
     """See :class:`Best`."""
     sight = shown_there.sight
     placed = sight.placed
     curve = placed.curve
-    chance = chance_beside(searched(sight, views, REACH + 1), placed.group, OTHERS_EDGES)
+    steps = searched(sight, views, REACH + 1)
+    chance = chance_beside(steps, placed.group, OTHERS_EDGES)
     edge, apart = over_views(shown_there.found, placed.group, curve, chance)
+    after, turned = reversals(shown_there.found, polarities(steps), placed.group, curve)
+    every = np.column_stack([edge, apart, after, turned])
     is_bent = bent(placed.point, curve, sight.limb)
-    return [(bool(is_bent[c]), float(edge[c]), float(apart[c])) for c in np.unique(curve)]
+    return [(bool(is_bent[c]), *every[c].tolist()) for c in np.unique(curve)]
 
 
 # -- the fit ---------------------------------------------------------------------------------------------------
@@ -207,13 +236,15 @@ def _columns(found: list[Best]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def fitted(every: Sequence[Best]) -> np.ndarray:
-    """(9,): the numbers of NAMES; NaN of those that nothing tells, as of curves where none of that kind was seen."""
+    """(15,): the numbers of NAMES; NaN of those that nothing tells, as of curves where none of that kind was seen."""
     # Of a right pose that was not thought of nothing is known; of an absent part it is what mostly happens.
     found = [one for one in every if one.absent or one.features > NONE]
     nats, right = _columns(found)
     shares = [_share(found, False), _share(found, True)]
+    shares = [*shares, *_surface_shares(found), *_reversals(found)]
+    shares += [_reversing(found, True), _reversing(found, False)]
     if right.all() or not right.any():
-        return np.concatenate([np.full(3, np.nan), shares, _surface_shares(found)])
+        return np.array([*np.full(3, np.nan), *shares])
 
     def counts(logarithms: np.ndarray) -> np.ndarray:
         direction = np.exp(logarithms - logarithms.max())
@@ -226,7 +257,7 @@ def fitted(every: Sequence[Best]) -> np.ndarray:
     # The scale goes in steps where absent parts change places at the quantile: several ways down.
     fits = [minimize(cost, np.log(start), method='Nelder-Mead') for start in STARTS]
     best = counts(min(fits, key=lambda fit: fit.fun).x)
-    return np.concatenate([best, shares, _surface_shares(found)])
+    return np.array([*best, *shares])
 
 
 def _scale(evidence: np.ndarray) -> float:
@@ -248,7 +279,7 @@ def _scale(evidence: np.ndarray) -> float:
 
 def _share(found: list[Best], is_bent: bool) -> float:
     """Share of the curves of absent parts that lie on edges in space: the most likely one."""
-    likely = np.array([one[1:] for best in found if not best.right for one in best.curves if one[0] == is_bent])
+    likely = np.array([one[1:3] for best in found if not best.right for one in best.curves if one[0] == is_bent])
     if len(likely) == 0:
         return np.nan
 
@@ -280,3 +311,66 @@ def _surface_shares(found: list[Best]) -> np.ndarray:
 
     own = fit(True, None)
     return np.concatenate([own, fit(False, own)])
+
+
+def _reversals(found: list[Best]) -> np.ndarray:
+    """(4,): of the most likely beta distributions of the share of reversals along edges: steady ones', and others'.
+
+    Right poses tell the first, though some parts are printed; an unknown share of the others is as steady as those.
+    """
+    own = _way(found, True, None)
+    return np.concatenate([own, _way(found, False, own)])
+
+
+def _way(found: list[Best], right: bool, steady: np.ndarray | None) -> np.ndarray:
+    """(2,): the beta distribution of what is right or is not, of which a share is distributed as ``steady``."""
+    each = [_along_edges([one], right) for one in found if one.right == right and one.curves]
+    if not each or (steady is not None and np.isnan(steady).any()):
+        return np.full(2, np.nan)
+
+    def cost(unknown: np.ndarray) -> float:
+        likely = _of_outlines(each, np.exp(unknown[:2]))
+        if steady is not None:
+            share = expit(unknown[2])
+            likely = np.logaddexp(np.log(share) + _of_outlines(each, steady), np.log1p(-share) + likely)
+        return -float(likely.sum())
+
+    start = np.array([-1.0, 1.0, -1.0])[: 2 if steady is None else 3]
+    return np.exp(minimize(cost, start, method='Nelder-Mead').x[:2])
+
+
+def _of_outlines(each: list[np.ndarray], shape: np.ndarray) -> np.ndarray:
+    """Log-likelihood of the reversals of outlines (see :func:`_along_edges`) whose share has a beta distribution."""
+    a, b = shape
+    return np.array([there @ (betaln(a + turned, b + after - turned) - betaln(a, b)) for there, after, turned in each])
+
+
+def _along_edges(some: list[Best], right: bool) -> np.ndarray:
+    """(3, n): of all their curves the chance that an edge lies along each, its confirmed points that follow another,
+    and how many of these are reversed."""
+    curves = np.array([one for best in some for one in best.curves]).reshape(-1, 5)
+    is_bent, edge, apart, after, turned = curves.T
+    share = 1.0 - np.mean(HIDDEN) if right else np.where(is_bent > 0.0, OTHERS_EDGES[1], OTHERS_EDGES[0])
+    return np.stack([expit(np.log(share / (1.0 - share)) + edge - apart), after, turned])
+
+
+def _reversing(found: list[Best], right: bool) -> float:
+    """Share of the outlines whose edges reverse as others' do: of right ones, or of the best of absent parts.
+
+    What is taken for a part has edges that are steadier than most; only these can be answered.
+    """
+    nats, is_right = _columns(found)
+    evidence = nats @ IN_USE[:3]
+    some = [one for one in found if one.right] if right else []
+    if not right and not is_right.all():
+        least = np.quantile(evidence[~is_right], TAIL_FROM)
+        some = [one for one, here, there in zip(found, evidence, is_right) if not there and here >= least]
+    each = [_along_edges([one], right) for one in some if one.curves]
+    if not each:
+        return np.nan
+    steady, reversing = (_of_outlines(each, np.array(shape)) for shape in (REVERSALS_OF_OWN, REVERSALS_OF_OTHERS))
+
+    def cost(share: float) -> float:
+        return -float(np.logaddexp(np.log1p(-share) + steady, np.log(share) + reversing).sum())
+
+    return float(minimize_scalar(cost, bounds=(1e-3, 0.999), method='bounded').x)

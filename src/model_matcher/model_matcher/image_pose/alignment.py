@@ -58,11 +58,14 @@ class Steps(NamedTuple):
         How many of them there are; none or fewer: the point says nothing.
     variance : (n,) float64
         Square pixels, of their places.
+    rise : (n, c) float64
+        By how much the grey levels rise along the normal; less than 0 where they fall.
     """
 
     offset: FloatArray
     number: Int32Array
     variance: FloatArray
+    rise: FloatArray
 
 
 @njit(nogil=True)

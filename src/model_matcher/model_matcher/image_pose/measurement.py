@@ -257,8 +257,7 @@ def shown(
 def searched(sight: Sight, views: Views, reach: int) -> Steps:
     """The strongest steps within ``reach`` pixels of all points, along their normals."""
     n = len(sight)
-    steps = Steps(np.full((n, CANDIDATES), np.nan), np.zeros(n, np.int32), np.zeros(n))
-    strength = np.zeros((n, CANDIDATES))
+    steps = Steps(np.full((n, CANDIDATES), np.nan), np.zeros(n, np.int32), np.zeros(n), np.zeros((n, CANDIDATES)))
     for eye, image in enumerate(views.images):
         rows = sight.rows(eye)
         find_steps(
@@ -269,7 +268,7 @@ def searched(sight: Sight, views: Views, reach: int) -> Steps:
             reach,
             BOUND_SIGMA * float(views.noise[eye]),
             steps.offset[rows],
-            strength[rows],
+            steps.rise[rows],
             steps.number[rows],
         )
     return steps
@@ -314,7 +313,8 @@ def fitted(sight: Sight, views: Views) -> Steps:
         quality = Quality(tone, blur, noise, walk, own)
         fit_steps(image, outline, beside[rows], quality, out[rows])
     known = np.isfinite(out[:, 0])
-    return Steps(np.where(known, out[:, 0], 0.0)[:, None], known.astype(np.int32), np.where(known, out[:, 1], 1.0))
+    offset, variance, rise = (np.where(known, out[:, k], least) for k, least in enumerate((0.0, 1.0, 0.0)))
+    return Steps(offset[:, None], known.astype(np.int32), variance, rise[:, None])
 
 
 def own_steps(steps: Steps, sight: Sight, motion: FloatArray, views: Views) -> Steps:

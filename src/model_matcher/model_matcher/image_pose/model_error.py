@@ -79,7 +79,7 @@ def settled(
     widths, prior = np.zeros(TO_POSE), np.zeros((6, 6))
     for _ in range(rounds):
         curve, view, point = error
-        own = Steps(steps.offset, steps.number, steps.variance + point**2)
+        own = Steps(steps.offset, steps.number, steps.variance + point**2, steps.rise)
         align(motion, middle, cameras, placed, own, widths, density, (curve, view), prior, residual, weight, normal)
         if (weight > 0.0).sum() < FEWEST_POINTS:
             break
