@@ -95,6 +95,16 @@ def _where(motion: Pose, index: ModelIndex) -> np.ndarray:
     return at
 
 
+def about_axis(rows: np.ndarray, axis: Axis, size: float) -> np.ndarray:
+    """Which features, rows (n, 9) of a model of that size, lie along an axis, or are circles about it, (n,) bool."""
+    off = rows[:, :3] - axis.point
+    away = np.linalg.norm(off - np.outer(off @ axis.direction, axis.direction), axis=1)
+    tilt = np.linalg.norm(np.cross(rows[:, 3:6], axis.direction), axis=1)
+    lever = np.maximum(rows[:, 6], np.nan_to_num(rows[:, 7]))
+    about: np.ndarray = away + tilt * lever <= EXACT * size
+    return about
+
+
 def common_axis(rows: np.ndarray, size: float) -> Axis | None:
     """The one line that features lie along, or have their centres on and their planes upright to.
 
@@ -113,14 +123,10 @@ def common_axis(rows: np.ndarray, size: float) -> Axis | None:
     if len(rows) == 0:
         return None
     point, direction = rows[0, :3], rows[0, 3:6]
-    off = rows[:, :3] - point
-    away = np.linalg.norm(off - np.outer(off @ direction, direction), axis=1)
-    tilt = np.linalg.norm(np.cross(rows[:, 3:6], direction), axis=1)
-    lever = np.maximum(rows[:, 6], np.nan_to_num(rows[:, 7]))
-    if (away + tilt * lever > EXACT * size).any():
+    if not about_axis(rows, Axis(point, direction), size).all():
         return None
+    along = (rows[:, :3] - point) @ direction
     # The middle keeps what a turn about the line does to points of it small.
-    along = off @ direction
     return Axis(point + 0.5 * (along.min() + along.max()) * direction, direction)
 
 

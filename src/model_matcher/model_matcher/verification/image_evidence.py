@@ -34,11 +34,12 @@ from ..model.index import ModelIndex
 from ..model.problem import Problem
 from ..model.regularity import regularity
 from ..model.settings import SAME_POSE
-from ..model.symmetry import axis_of_revolution, common_axis, equal_but_for_turn, near, symmetric_poses, symmetries
+from ..model.symmetry import Axis, axis_of_revolution, common_axis, near, symmetric_poses, symmetries
 from .evidence import displaced
 from .false_alarms import chance_with_images
 from .refinement import evidence_at
-from .settings import CLAIMED, IMAGE_EVIDENCE, SEEN_LARGE, TURNED, WHOLE
+from .settings import CLAIMED, DRAWN, IMAGE_EVIDENCE, TURNED, WHOLE
+from .turning import halved_until_small, likeliest, likeliest_turns
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +109,7 @@ def weigh(
     deadline = deadline or Deadline()
     poses = _equal_poses(problem.index, hypothesis)
     if hypothesis.free_turn is None and len(poses) <= TURNED:
-        coarse, _ = _coarse(shape, hypothesis.pose, views)
+        coarse = halved_until_small(shape, shape.size, hypothesis.pose, views)
         looks = [Weighed(hypothesis, as_motion(pose), presence(shape, pose, coarse)) for pose in poses]
         best = max(looks, key=lambda one: one.evidence)
         if best.shown.log_ratio <= 0.0 and best.evidence + DECISIVE < needed:
@@ -116,11 +117,11 @@ def weigh(
     # A look at each, as coarse as its steps are, says which to look at closely, and that which to draw in.
     for spacing in (REACH, SPACING):
         if len(poses) > TURNED and not deadline.passed:
-            poses = _likeliest(poses, _glances(shape, poses, views, spacing, deadline))
+            poses = likeliest(poses, _glances(shape, poses, views, spacing, deadline))
     return _drawn_in(problem, shape, hypothesis, poses, views, deadline)
 
 
-def weigh_turned(problem: Problem, shape: Shape, one: Weighed, views: Views, deadline: Deadline) -> Weighed:
+def weigh_turned(problem: Problem, shape: Shape, one: Weighed, axis: Axis, views: Views, deadline: Deadline) -> Weighed:
     """A hypothesis that leaves a turn free at the turn that the images show most of.
 
     Parameters
@@ -128,41 +129,31 @@ def weigh_turned(problem: Problem, shape: Shape, one: Weighed, views: Views, dea
     problem, shape, views : as of :func:`weigh`
     one : Weighed
         The hypothesis, drawn in at any turn.
+    axis : Axis
+        That it is about, model frame.
     deadline : Deadline
         When it has passed, the turn stays.
 
     Returns
     -------
     Weighed
-        As it was where the images speak against each turn, seen coarsely.
+        As it was where the images speak against each turn.
     """
-    coarse, reach = _coarse(shape, as_pose(one.motion), views)
-    poses = _turns(problem.index, shape, one.hypothesis, one.motion, coarse)
-    glances = _glances(shape, poses, coarse, REACH, deadline)
-    if not glances.max() > 0.0:
-        return one
-    poses = _likeliest(poses, glances)
-    if len(poses) > TURNED:
-        poses = _likeliest(poses, _glances(shape, poses, views, SPACING, deadline))
-    return _drawn_in(problem, shape, one.hypothesis, poses, views, deadline, reach)
+    turned = likeliest_turns(problem.index, shape, axis, as_pose(one.motion), views, deadline)
+    return _drawn_in(problem, shape, one.hypothesis, turned, views, deadline) if turned else one
 
 
 def _drawn_in(
-    problem: Problem,
-    shape: Shape,
-    hypothesis: Interpretation,
-    poses: list[Pose],
-    views: Views,
-    deadline: Deadline,
-    reach: float = float(REACH),
+    problem: Problem, shape: Shape, hypothesis: Interpretation, poses: list[Pose], views: Views, deadline: Deadline
 ) -> Weighed:
-    """A hypothesis at that of its first poses of which the images show most, within so many pixels of it."""
-    found: list[Weighed] = []
-    for pose in poses[:TURNED]:
-        if found and deadline.passed:
-            break
-        motion, sight = looked_for(shape, pose, views, reach)
-        found.append(Weighed(_at(problem, hypothesis, motion), motion, shown(sight, views)[0]))
+    """A hypothesis at that of its first poses of which the images show most."""
+
+    def drawn(pose: Pose) -> Weighed:
+        motion, sight = looked_for(shape, pose, views)
+        return Weighed(_at(problem, hypothesis, motion), motion, shown(sight, views)[0])
+
+    some = spread(lambda pose: None if deadline.passed else drawn(pose), poses[1:DRAWN])
+    found = [drawn(poses[0]), *(one for one in some if one is not None)]
     best, *others = sorted(found, key=lambda one: -one.shown.log_ratio)
     return replace(best, rivals=tuple(others))
 
@@ -175,12 +166,6 @@ def _glances(shape: Shape, poses: list[Pose], views: Views, spacing: float, dead
             poses,
         )
     )
-
-
-def _likeliest(poses: list[Pose], glances: FloatArray) -> list[Pose]:
-    """Of poses those that glances (n,), nats, do not tell from the best one, the best first."""
-    order = np.argsort(-glances)
-    return [poses[k] for k in order if glances[k] >= glances[order[0]] - DECISIVE]
 
 
 def _at(problem: Problem, hypothesis: Interpretation, motion: FloatArray) -> Interpretation:
@@ -203,37 +188,6 @@ def _equal_poses(index: ModelIndex, hypothesis: Interpretation) -> list[Pose]:
     alike = [hypothesis.pose.compose(motion) for motion in symmetries(index)]
     others = (one for one in hypothesis.symmetric_poses if not any(near(index, one, other) for other in alike))
     return [hypothesis.pose, *others]
-
-
-def _turns(index: ModelIndex, shape: Shape, hypothesis: Interpretation, motion: FloatArray, views: Views) -> list[Pose]:
-    """Turns of a pose about the axis that the data of a hypothesis is about; just it where they all look the same."""
-    pose = as_pose(motion)
-    rows = np.flatnonzero(np.isin(index.source, _matched(hypothesis)))
-    axis = common_axis(index.rows[rows], index.size) if hypothesis.free_turn is not None else None
-    if axis is None or axis_of_revolution(index) is not None:
-        return [pose]
-    # Turns that lay the model on itself: what is between two of them is all there is.
-    fold = 1 + sum(equal_but_for_turn(motion, Pose.identity(), axis, index.size) for motion in symmetries(index))
-    # So fine that the outline moves by REACH from one to the next: within reach of both.
-    steps = int(np.ceil(np.pi * _pixels(shape, pose, views) / REACH / fold))
-    turns = [Pose.from_rotation_vector(k * (2.0 * np.pi / (fold * steps)) * axis.direction) for k in range(steps)]
-    return [pose.compose(Pose(turn.rotation, axis.point - turn.rotation @ axis.point)) for turn in turns]
-
-
-def _coarse(shape: Shape, pose: Pose, views: Views) -> tuple[Views, float]:
-    """Images, halved until a shape is not seen large in them, and how many pixels of the given ones REACH is there.
-
-    In an image of half the size an outline has half as many points, and is off by half as many pixels.
-    """
-    reach = float(REACH)
-    while _pixels(shape, pose, views) > SEEN_LARGE:
-        views, reach = views.halved, 2.0 * reach
-    return views, reach
-
-
-def _pixels(shape: Shape, pose: Pose, views: Views) -> float:
-    """How large a shape is in the first image, pixels."""
-    return shape.size * views.cameras[0].fx / max(float(pose.apply(shape.centre)[2]), shape.size)
 
 
 class LookedAt(NamedTuple):
@@ -359,9 +313,16 @@ def _with_turns(
     """The hypotheses, the best of those that leave a turn free at the turn that the images show most of."""
     weighed = sorted(weighed, key=lambda one: -one.evidence)
     for k in [k for k, one in enumerate(weighed) if one.hypothesis.free_turn is not None][:TURNED]:
-        if axis_of_revolution(problem.index) is None and not deadline.passed:
-            weighed[k] = weigh_turned(problem, shape, weighed[k], views, deadline)
+        axis = _free_axis(problem.index, weighed[k].hypothesis)
+        if axis is not None and axis_of_revolution(problem.index) is None and not deadline.passed:
+            weighed[k] = weigh_turned(problem, shape, weighed[k], axis, views, deadline)
     return weighed
+
+
+def _free_axis(index: ModelIndex, hypothesis: Interpretation) -> Axis | None:
+    """The axis that all matched features of a model are about; None where they leave no turn free."""
+    rows = np.flatnonzero(np.isin(index.source, _matched(hypothesis)))
+    return common_axis(index.rows[rows], index.size)
 
 
 def _with_surface(shape: Shape, one: Weighed, views: Views, needed: float) -> Weighed:

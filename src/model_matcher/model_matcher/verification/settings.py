@@ -166,5 +166,6 @@ IMAGE_EVIDENCE = ImageEvidence(0.35, 0.75, 1.27)
 # this still has some thirty points, REACH apart, in each view.
 SEEN_LARGE = 125.0
 # Hypotheses with a free turn, the best of a search, all turns of which are looked at, for many share one axis; and
-# poses of one hypothesis that are drawn in after a glance at each.
-TURNED = 2
+# poses that are not worth a glance at each, before those that this does not tell from the best, at most so many, are
+# drawn in.
+TURNED, DRAWN = 2, 6

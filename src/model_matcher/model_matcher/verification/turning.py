@@ -1,0 +1,186 @@
+"""The turn about an axis at which images show most of an outline.
+
+A pulley is round but for its keyway, which is small: a point of it moves by few pixels where the rims' would move by
+many, and is confirmed within one. One look at the outline serves for the turns within reach of it: each point moves
+along its normal by as much as its derivative says, towards steps that were found once.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from msgs_py import Pose
+from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.deadline import Deadline
+from msgs_py.numeric.threads import spread
+from msgs_py.numeric.typed import FloatArray
+
+from ..geometry.settings import NOT_ZERO
+from ..image_pose.alignment import Placed, Steps
+from ..image_pose.measurement import searched
+from ..image_pose.presence import bent, chance_beside, confirmations, crowded, log_ratio
+from ..image_pose.settings import DECISIVE, ON_EDGE, OTHERS_EDGES, REACH, SPACING
+from ..image_pose.sight import Shape, Sight, look
+from ..image_pose.views import Views
+from ..model.index import ModelIndex
+from ..model.symmetry import Axis, about_axis, equal_but_for_turn, symmetries
+from .settings import SEEN_LARGE
+
+
+def about(pose: Pose, axis: Axis, turn: float) -> Pose:
+    """A pose after the model was turned about an axis of it, radians."""
+    motion = Pose.from_rotation_vector(turn * axis.direction)
+    return pose.compose(Pose(motion.rotation, axis.point - motion.rotation @ axis.point))
+
+
+def likeliest_turns(
+    index: ModelIndex, shape: Shape, axis: Axis, pose: Pose, views: Views, deadline: Deadline
+) -> list[Pose]:
+    """A pose turned about an axis to where images show most of the outline.
+
+    Parameters
+    ----------
+    index, shape
+        The model.
+    axis : Axis
+        Model frame.
+    pose : Pose
+        first_T_model, right but for the turn.
+    views : Views
+    deadline : Deadline
+        When it has passed, turns that were not looked at are left out.
+
+    Returns
+    -------
+    list of Pose
+        Best first, those that the images do not tell from it; none where they speak against each turn.
+    """
+    lever = _lever(index, axis)
+    coarse = halved_until_small(shape, lever, pose, views)
+    poses, within = _turns(index, axis, pose, _pixels(shape, lever, pose, coarse))
+    turned: list[Pose] = []
+    # Seen coarsely many turns are as likely as the best one.
+    for some in (views,) if coarse is views else (coarse, views):
+
+        def best(one: Pose, some: Views = some) -> tuple[float, Pose]:
+            return (-math.inf, one) if deadline.passed else best_turn(shape, one, axis, within, some, SPACING)
+
+        found = spread(best, poses)
+        glances = np.array([nats for nats, _ in found])
+        if not glances.max() > 0.0:
+            return []
+        poses, turned = likeliest(poses, glances), likeliest([one for _, one in found], glances)
+    return turned
+
+
+def likeliest(poses: list[Pose], glances: FloatArray) -> list[Pose]:
+    """Of poses those that glances (n,), nats, do not tell from the best one, the best first."""
+    order = np.argsort(-glances)
+    return [poses[k] for k in order if glances[k] >= glances[order[0]] - DECISIVE]
+
+
+def halved_until_small(shape: Shape, length: float, pose: Pose, views: Views) -> Views:
+    """Images, halved until a length (metres) at a shape is not seen large in them."""
+    while _pixels(shape, length, pose, views) > SEEN_LARGE:
+        views = views.halved
+    return views
+
+
+def _pixels(shape: Shape, length: float, pose: Pose, views: Views) -> float:
+    """How many pixels a length at a shape is in the first image."""
+    return length * views.cameras[0].fx / max(float(pose.apply(shape.centre)[2]), shape.size)
+
+
+def _turns(index: ModelIndex, axis: Axis, pose: Pose, lever: float) -> tuple[list[Pose], float]:
+    """Turns of a pose about an axis of the model that together are all there are, each with those within an angle.
+
+    lever : pixels, how far from the axis a point is at most that moves with a turn; none moves by more than REACH
+    """
+    # Turns that lay the model on itself: what is between two of them is all there is.
+    fold = 1 + sum(equal_but_for_turn(motion, Pose.identity(), axis, index.size) for motion in symmetries(index))
+    within = np.pi / fold / max(1.0, np.ceil(np.pi * lever / REACH / fold))
+    return [about(pose, axis, turn) for turn in np.arange(0.0, 2.0 * np.pi / fold - within, 2.0 * within)], within
+
+
+def _lever(index: ModelIndex, axis: Axis) -> float:
+    """Metres, how far from an axis a feature of a model reaches that is not about it."""
+    rows = index.rows[~about_axis(index.rows, axis, index.size)]
+    # Straight ones to their ends, curves to the farther side of their circle.
+    half = np.where(np.isnan(rows[:, 7]), rows[:, 6], 0.0)[:, None] * rows[:, 3:6]
+    ends = np.concatenate([rows[:, :3] - half, rows[:, :3] + half]) - axis.point
+    off = np.linalg.norm(ends - np.outer(ends @ axis.direction, axis.direction), axis=1)
+    return float((off + np.tile(np.nan_to_num(rows[:, 7]), 2)).max(initial=0.0))
+
+
+def best_turn(shape: Shape, pose: Pose, axis: Axis, within: float, views: Views, spacing: float) -> tuple[float, Pose]:
+    """The turn, within so much of a pose either way, at which images show most of an outline.
+
+    Parameters
+    ----------
+    shape : Shape
+    pose : Pose
+        first_T_model.
+    axis : Axis
+        Model frame.
+    within : float
+        Radians; no point moves by more than REACH pixels.
+    views : Views
+    spacing : float
+        Pixels between neighbouring points of the outline.
+
+    Returns
+    -------
+    nats : float
+        See :func:`..image_pose.presence.log_ratio`; nothing stands in front.
+    pose : Pose
+        Turned.
+    """
+    sight = look(shape, pose, views, spacing)
+    if not len(sight):
+        return -math.inf, pose
+    moves = _moves(sight, shape, pose, axis)
+    # So fine that no point misses its step.
+    count = math.ceil(float(np.abs(moves).max()) * within / ON_EDGE)
+    turns = np.linspace(-within, within, 2 * count + 1)
+    nats = ratios(sight.placed, sight.limb, searched(sight, views, REACH + 1), moves, turns)
+    # A point is confirmed within a pixel either way: of turns as good, the one in the middle.
+    best = np.flatnonzero(nats > nats.max() - NOT_ZERO)
+    return float(nats.max()), about(pose, axis, float(turns[best[len(best) // 2]]))
+
+
+def _moves(sight: Sight, shape: Shape, pose: Pose, axis: Axis) -> FloatArray:
+    """How far each point moves along its normal by a turn of the model about an axis, (n,) pixels a radian."""
+    direction = pose.rotation @ axis.direction
+    shift = np.cross(direction, pose.apply(shape.centre) - pose.apply(axis.point))
+    moves: FloatArray = sight.placed.slope @ np.concatenate([direction, shift])
+    return moves
+
+
+@njit(nogil=True)
+def ratios(placed: Placed, limb: FloatArray, steps: Steps, moves: FloatArray, turns: FloatArray) -> FloatArray:
+    """Nats of an outline (see :func:`..image_pose.presence.log_ratio`) of n points after each of t turns, (t,).
+
+    Parameters
+    ----------
+    placed : Placed
+    limb : (n,) float64
+        See :class:`..image_pose.sight.Sight`.
+    steps : Steps
+        Along the normals, as :func:`..image_pose.presence.chance_beside` needs them.
+    moves : (n,) float64
+        Pixels along the normals a radian.
+    turns : (t,) float64
+        Radians.
+    """
+    chance = chance_beside(steps, placed.group, OTHERS_EDGES)
+    is_bent, silent = bent(placed.point, placed.curve, limb), crowded(placed)
+    out, offset = np.empty(len(turns)), np.empty_like(steps.offset)
+    for t in range(len(turns)):
+        for k in range(len(moves)):
+            offset[k] = steps.offset[k] - moves[k] * turns[t]
+        found = confirmations(offset, steps.number, 0.0)
+        found[silent] = -1
+        out[t] = log_ratio(found, placed.group, placed.curve, is_bent, chance)
+    return out

@@ -1,0 +1,73 @@
+"""A pulley is round but for its keyway: the turn that shows most of it in the images."""
+
+import numpy as np
+import pytest
+
+from csg_renderer import Light, Scene, SolidOutline, model_features, parse_scene, render_stereo
+from csg_renderer.raycast.sensor import SensorModel, grey
+from model_matcher import index_model
+from model_matcher.image_pose.measurement import searched
+from model_matcher.image_pose.presence import bent, chance_beside, confirmations, crowded, log_ratio
+from model_matcher.image_pose.settings import OTHERS_EDGES, REACH, SPACING
+from model_matcher.image_pose.sight import look
+from model_matcher.image_pose.views import Views
+from model_matcher.model.symmetry import Axis
+from model_matcher.verification.turning import about, best_turn, likeliest_turns, ratios
+from msgs_py import PinholeCamera, Pose, StereoRig
+from msgs_py.numeric.deadline import Deadline
+
+PULLEY = """
+UNITS MM;
+pulley = CYLINDER (44, 0, 0, 24) DIFFERENCE (CYLINDER (12, 0, 0, 80) AT (0, 0, -10))
+         DIFFERENCE (BLOCK (17, 7, 80) AT (0, -3.5, -10));
+DRAW pulley;
+"""
+AXIS = Axis(np.zeros(3), np.array([0.0, 0.0, 1.0]))
+# Degrees, by which a corner of the keyway moves by a pixel and a half: nearer one look does not tell.
+NEAR = np.degrees(1.5 / (0.017 * 800.0 / 0.6))
+RIG = StereoRig.symmetric(PinholeCamera.centred(640, 480, 800.0), 0.1)
+
+
+@pytest.fixture(scope='module')
+def pulley():
+    """The model, its outline, its pose, and two pictures of it."""
+    solid = parse_scene(PULLEY).solids[0]
+    pose = Pose.from_rotation_vector([2.6, 0.4, 0.3])
+    pose = Pose(pose.rotation, np.array([0.05, 0.0, 0.6]))
+    lights = [Light((0.3, -0.5, 0.2), (0.8,) * 3), Light((-0.5, -0.2, -0.3), (0.3,) * 3)]
+    scene = Scene([solid.transformed(pose)], lights, (0.2,) * 3, (0.4,) * 3)
+    frames = render_stereo(scene, RIG, antialias=4)
+    images = [SensorModel(0.5, 2.0, (1, eye)).apply(grey(frame.image)) for eye, frame in enumerate(frames)]
+    return index_model(model_features(solid), 'pulley'), SolidOutline(solid), pose, Views.of(images, RIG)
+
+
+@pytest.mark.parametrize('degrees', [10.0, 77.0, 180.0, 231.0, 303.0])
+def test_the_turn_is_where_the_keyway_is(pulley, degrees):
+    index, shape, pose, views = pulley
+    found = likeliest_turns(index, shape, AXIS, about(pose, AXIS, np.radians(degrees)), views, Deadline())
+    assert pose.error_to(found[0]).rotation_deg < NEAR
+
+
+def test_a_turn_is_found_within_reach_and_not_beyond(pulley):
+    _, shape, pose, views = pulley
+    start = about(pose, AXIS, 0.2)
+    near, turned = best_turn(shape, start, AXIS, 0.25, views, SPACING)
+    far, _ = best_turn(shape, start, AXIS, 0.1, views, SPACING)
+    assert pose.error_to(turned).rotation_deg < NEAR
+    assert near > far + 3.0
+
+
+def test_no_turn_is_the_outline_as_it_is(pulley):
+    _, shape, pose, views = pulley
+    sight = look(shape, pose, views)
+    placed, steps = sight.placed, searched(sight, views, REACH + 1)
+    found = confirmations(steps.offset, steps.number, 0.0)
+    found[crowded(placed)] = -1
+    is_bent, chance = bent(placed.point, placed.curve, sight.limb), chance_beside(steps, placed.group, OTHERS_EDGES)
+    expected = log_ratio(found, placed.group, placed.curve, is_bent, chance)
+    assert ratios(placed, sight.limb, steps, np.ones(len(sight)), np.zeros(1)) == pytest.approx([expected])
+
+
+def test_when_no_time_is_left_there_is_no_turn(pulley):
+    index, shape, pose, views = pulley
+    assert likeliest_turns(index, shape, AXIS, pose, views, Deadline(1e-9)) == []
