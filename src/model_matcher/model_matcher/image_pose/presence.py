@@ -401,13 +401,19 @@ def log_ratio(found: Int8Array, group: Int32Array, curve: Int32Array, is_bent: B
     float
         Nats; the mean over how much of the outline is hidden.
     """
+    ratio: float = log_mean(by_hidden(found, group, curve, is_bent, chance))
+    return ratio
+
+
+@njit(nogil=True)
+def by_hidden(found: Int8Array, group: Int32Array, curve: Int32Array, is_bent: BoolArray, chance: Chance) -> FloatArray:
+    """As :func:`log_ratio`, for each share of HIDDEN that may be hidden, (h,): of several curves they add up."""
     edge, apart = over_views(found, group, curve, chance)
     parts = np.zeros(len(HIDDEN))
-    for c in range(len(is_bent)):
+    for c in range(len(edge)):
         for p in range(len(HIDDEN)):
             parts[p] += _against_others(edge[c], apart[c], HIDDEN[p], is_bent[c], chance)
-    ratio: float = _log_mean(parts)
-    return ratio
+    return parts
 
 
 @njit(nogil=True)
@@ -419,7 +425,7 @@ def _against_others(edge: float, apart: float, hidden: float, is_bent: bool, cha
 
 
 @njit(nogil=True)
-def _log_mean(logarithms: FloatArray) -> float:
+def log_mean(logarithms: FloatArray) -> float:
     """Logarithm of the mean of what has logarithms (n,)."""
     top = logarithms.max()
     mean: float = top + math.log(np.exp(logarithms - top).mean())
@@ -509,7 +515,7 @@ def behind_screens(placed: Placed, found: Int8Array, is_bent: BoolArray, chance:
                 elif is_seen[c]:
                     total += _against_others(edge[c], apart[c], HIDDEN[0], is_bent[c], chance)
             parts[direction, screen] = total
-    mean: float = _log_mean(parts.ravel())
+    mean: float = log_mean(parts.ravel())
     return mean
 
 

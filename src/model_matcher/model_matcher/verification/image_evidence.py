@@ -238,7 +238,7 @@ def accepted_by_images(
     LookedAt
     """
     weighed, rejected = _all_weighed(problem, shape, hypotheses, views, needed, deadline)
-    weighed = _with_turns(problem, shape, weighed, views, deadline)
+    weighed = _with_turns(problem, shape, weighed, views, deadline, claimed)
     every = [each for one in weighed for each in (one, *one.rivals)]
     weighed = [_with_surface(shape, one, views, needed) for one in every]
     accepted: list[Interpretation] = []
@@ -308,13 +308,23 @@ def _shares_data(one: Interpretation, other: Interpretation) -> bool:
 
 
 def _with_turns(
-    problem: Problem, shape: Shape, weighed: list[Weighed], views: Views, deadline: Deadline
+    problem: Problem,
+    shape: Shape,
+    weighed: list[Weighed],
+    views: Views,
+    deadline: Deadline,
+    claimed: Sequence[Presence],
 ) -> list[Weighed]:
-    """The hypotheses, the best of those that leave a turn free at the turn that the images show most of."""
+    """The hypotheses, the best of those that leave a turn free at the turn that the images show most of.
+
+    What is round has its edges at any turn: one that another holds, of ``claimed``, has no turn to be looked for.
+    """
     weighed = sorted(weighed, key=lambda one: -one.evidence)
     for k in [k for k, one in enumerate(weighed) if one.hypothesis.free_turn is not None][:TURNED]:
         axis = _free_axis(problem.index, weighed[k].hypothesis)
-        if axis is not None and axis_of_revolution(problem.index) is None and not deadline.passed:
+        if axis is None or axis_of_revolution(problem.index) is not None or deadline.passed:
+            continue
+        if not compete([weighed[k].shown], claimed):
             weighed[k] = weigh_turned(problem, shape, weighed[k], axis, views, deadline)
     return weighed
 

@@ -169,3 +169,5 @@ SEEN_LARGE = 125.0
 # poses that are not worth a glance at each, before those that this does not tell from the best, at most so many, are
 # drawn in.
 TURNED, DRAWN = 2, 6
+# Pixels: a curve no point of which moves farther stays where it is; noise moves steps by more.
+STILL = 0.05

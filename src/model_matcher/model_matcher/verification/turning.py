@@ -20,13 +20,13 @@ from msgs_py.numeric.typed import FloatArray
 from ..geometry.settings import NOT_ZERO
 from ..image_pose.alignment import Placed, Steps
 from ..image_pose.measurement import searched
-from ..image_pose.presence import bent, chance_beside, confirmations, crowded, log_ratio
+from ..image_pose.presence import bent, by_hidden, chance_beside, confirmations, crowded, log_mean
 from ..image_pose.settings import DECISIVE, ON_EDGE, OTHERS_EDGES, REACH, SPACING
 from ..image_pose.sight import Shape, Sight, look
 from ..image_pose.views import Views
 from ..model.index import ModelIndex
 from ..model.symmetry import Axis, about_axis, equal_but_for_turn, symmetries
-from .settings import SEEN_LARGE
+from .settings import SEEN_LARGE, STILL
 
 
 def about(pose: Pose, axis: Axis, turn: float) -> Pose:
@@ -176,11 +176,17 @@ def ratios(placed: Placed, limb: FloatArray, steps: Steps, moves: FloatArray, tu
     """
     chance = chance_beside(steps, placed.group, OTHERS_EDGES)
     is_bent, silent = bent(placed.point, placed.curve, limb), crowded(placed)
-    out, offset = np.empty(len(turns)), np.empty_like(steps.offset)
+    found = confirmations(steps.offset, steps.number, 0.0)
+    found[silent] = -1
+    # Curves that stay where they are need one look.
+    moving = np.zeros(len(is_bent), np.bool_)
+    moving[placed.curve[np.abs(moves) * np.abs(turns).max() > STILL]] = True
+    some = moving[placed.curve]
+    still = by_hidden(found[~some], placed.group[~some], placed.curve[~some], is_bent, chance)
+    offset, number, group, curve = steps.offset[some], steps.number[some], placed.group[some], placed.curve[some]
+    out = np.empty(len(turns))
     for t in range(len(turns)):
-        for k in range(len(moves)):
-            offset[k] = steps.offset[k] - moves[k] * turns[t]
-        found = confirmations(offset, steps.number, 0.0)
-        found[silent] = -1
-        out[t] = log_ratio(found, placed.group, placed.curve, is_bent, chance)
+        moved = confirmations(offset - np.expand_dims(moves[some] * turns[t], 1), number, 0.0)
+        moved[silent[some]] = -1
+        out[t] = log_mean(still + by_hidden(moved, group, curve, is_bent, chance))
     return out
