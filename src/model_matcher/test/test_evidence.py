@@ -1,8 +1,11 @@
 """Evidence counts coincidences, not features: closed forms for boxes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from csg_renderer import model_features, parse_scene
 from model_matcher import MatchParams, index_model, match
 from model_matcher.closed_form.synthetic.scenes import (
     box,
@@ -19,7 +22,15 @@ from model_matcher.model.convex_hull import hull_faces
 from model_matcher.model.index import ModelIndex, feature_rows
 from model_matcher.model.problem import make_problem
 from model_matcher.model.regularity import regularity
-from model_matcher.verification.evidence import coincidences, meet, neighbours, plane_table, radius_nats, surroundings
+from model_matcher.verification.evidence import (
+    coincidences,
+    displaced,
+    meet,
+    neighbours,
+    plane_table,
+    radius_nats,
+    surroundings,
+)
 from model_matcher.verification.false_alarms import needed_evidence
 from model_matcher.verification.settings import ANGLE, NEIGHBOURS, RADII
 from msgs_py import FeatureSet
@@ -279,3 +290,38 @@ def test_only_data_of_kinds_that_the_model_has_gives_chance_its_tries():
         make_problem(index_model(rims()), some, MatchParams()) for some in (data, data.select([0, 1, 2]))
     )
     assert needed_evidence(with_edges, MatchParams()) == needed_evidence(without, MatchParams())
+
+
+@pytest.fixture(scope='module')
+def flange() -> ModelIndex:
+    """A disc with a hub and two bores."""
+    text = """UNITS MM; f = CYLINDER (50, 0, 0, 12) UNION (CYLINDER (26, 0, 0, 36))
+    DIFFERENCE (CYLINDER (5, 0, 0, 60) AT (38, 0, -20)) DIFFERENCE (CYLINDER (5, 0, 0, 60) AT (-38, 0, -20)); DRAW f;"""
+    return index_model(model_features(parse_scene(text).solids[0]))
+
+
+@pytest.mark.parametrize(
+    ('radius', 'middle', 'is_another'),
+    [
+        (5.0, (0.0, 38.0, 0.0), True),  # a bore at another place of the disc
+        (26.0, (-21.0, -2.0, 12.0), False),  # the hub's shadow on the disc
+        (50.0, (12.0, -9.0, 0.0), False),  # the disc's shadow on a table
+        (20.0, (0.0, 10.0, 12.0), False),  # of a size that the model does not have
+    ],
+)
+def test_a_curve_elsewhere_is_another_object_or_a_shadow(flange, radius, middle, is_another):
+    """The bore of the model at (38, 0) is not found, nor are the lower rims; the upper ones of hub and disc are."""
+    features = flange.features
+    heights, radii = features.start[:, 2], np.nan_to_num(features.radii[:, 0])
+    seen = ((radii > 0.02) & (heights > 0.03)) | ((radii > 0.04) & (heights > 0.01))
+    other = features.select(np.flatnonzero(radii > 0.0)[:1])
+    centre = 1e-3 * np.array([middle])
+    moved = replace(other, start=centre, end=centre + [[0.0, 0.0, 1.0]], radii=np.full((1, 2), 1e-3 * radius))
+    problem = make_problem(flange, FeatureSet.concatenate([features.select(seen), moved]), MatchParams())
+    used = np.isin(flange.source, np.flatnonzero(seen))
+    assignment = np.append(np.flatnonzero(used), -1).astype(np.int32)
+    against = displaced(
+        IDENTITY, problem.model, problem.features, assignment, used, np.asarray(regularity(flange).faces)
+    )
+    assert (against > 3.0) == is_another
+    assert is_another or against == 0.0

@@ -550,7 +550,8 @@ def displaced(
 
     An unexplained curve that has the radius of a model curve which was not found, and lies beside it, so near that both
     cannot be there, or on a face of the model's hull where there is none, would be one of clutter by chance only; on
-    another object that is like the model it is to be expected.
+    another object that is like the model it is to be expected. But a curve that was found casts a shadow of its radius
+    on faces and tables that are parallel to it.
 
     Parameters
     ----------
@@ -579,6 +580,8 @@ def displaced(
         room = data.radius_tolerance + across
         x, y, z = inverse_transform(motion, d[0], d[1], d[2])
         u, v, w = inverse_rotate(motion, d[3], d[4], d[5])
+        if _shadow((x, y, z), (u, v, w), d[7], model, used, (room, across)):
+            continue
         on_face = _on_face((x, y, z), (u, v, w), faces, across)
         for j in range(len(used)):
             m = model.rows[j]
@@ -594,6 +597,32 @@ def displaced(
                 in_plane = -np.log(min(2.0 * across / model.size, 1.0))
                 worst = max(worst, radius_nats(m[7], room) + in_plane)
     return worst
+
+
+@njit
+def _shadow(
+    middle: tuple[float, ...],
+    normal: tuple[float, ...],
+    radius: float,
+    model: ModelFeatures,
+    used: BoolArray,
+    tolerances: tuple[float, float],
+) -> bool:
+    """Whether a curve may be the shadow of one that was found, by a light far off: as large, in a parallel plane.
+
+    middle, normal, radius : of the curve, model frame; tolerances : of its radius, and across
+    """
+    room, across = tolerances
+    for j in range(len(used)):
+        m = model.rows[j]
+        if not used[j] or model.kind[j] != CURVE or abs(radius - m[7]) > room:
+            continue
+        if abs(normal[0] * m[3] + normal[1] * m[4] + normal[2] * m[5]) < PARALLEL_COSINE:
+            continue
+        upright = (middle[0] - m[0]) * m[3] + (middle[1] - m[1]) * m[4] + (middle[2] - m[2]) * m[5]
+        if abs(upright) > 2.0 * across:
+            return True
+    return False
 
 
 @njit
