@@ -1,6 +1,6 @@
 """How long tracker_node takes from image to pose, in a process of its own, with two objects, at a rate.
 
-    python test/benchmarks/bench_tracker_node.py --rate 30 60
+    python test/benchmarks/bench_tracker_node.py --rate 30 60 120
 
 Two parts turn before a rendered pair of 640 x 480; every pair is published on time, whether or not the one before is
 answered. The time runs from the first of its four messages to the pose on ``tracked/<model>``; two poses a pair.
@@ -22,6 +22,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from results import add_record_option, keep
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
@@ -36,6 +37,7 @@ from msgs_py.node_runtime.transport import make_room_for_images
 PARTS = ('l_shape', 'chipped_block')
 RIG = StereoRig.symmetric(PinholeCamera.centred(640, 480, 600.0), 0.06)
 DOMAIN, TURN_DEG_S, FRAMES = '93', 20.0, 60
+QUANTILES = (50, 90, 99)
 
 
 class Player:
@@ -122,8 +124,8 @@ class Player:
             self.executor.spin_once(timeout_sec=0.05)
 
 
-def run(rate: float, pairs: int) -> str:
-    """One line: how many poses came of how many, and how long they took."""
+def run(rate: float, pairs: int) -> dict[str, float]:
+    """How many poses came of how many, and how long they took, ms. Raises RuntimeError where none come."""
     player = Player(rate)
     models = f'models:=[{", ".join(repr(name) for name in PARTS)}]'
     command = [sys.executable, '-m', 'model_matcher.tracker_node', '--ros-args', '-p', models]
@@ -132,12 +134,12 @@ def run(rate: float, pairs: int) -> str:
         deadline = time.monotonic() + 60.0
         while not player.heard_by_node():
             if time.monotonic() > deadline:
-                return f'{rate:g} Hz: tracker_node does not come'
+                raise RuntimeError(f'{rate:g} Hz: tracker_node does not come')
             time.sleep(0.1)
         deadline = time.monotonic() + 120.0
         while len(player.times) < len(PARTS):  # once it has loaded what was compiled
             if time.monotonic() > deadline:
-                return f'{rate:g} Hz: tracker_node does not answer'
+                raise RuntimeError(f'{rate:g} Hz: tracker_node does not answer')
             player.send(0)
             time.sleep(0.5)
             player.begin()
@@ -152,22 +154,28 @@ def run(rate: float, pairs: int) -> str:
         process.terminate()
         process.wait(10.0)
         player.close()
-    p50, p90, p99 = np.quantile(player.times, (0.5, 0.9, 0.99))
-    answered = len(player.times)
-    return (
-        f'{rate:g} Hz: {answered} of {len(PARTS) * pairs} poses; image to pose p50 {p50:.1f}, p90 {p90:.1f}, '
-        f'p99 {p99:.1f} ms'
-    )
+    quantiles = {f'p{q}': float(np.percentile(player.times, q)) for q in QUANTILES}
+    return {'asked': len(PARTS) * pairs, 'poses': len(player.times), **quantiles}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description='tracker_node: image to pose.')
     parser.add_argument('--rate', type=float, nargs='+', default=[30.0, 60.0], metavar='HZ')
     parser.add_argument('--pairs', type=int, default=300)
+    add_record_option(parser)
     options = parser.parse_args(arguments)
     make_room_for_images()
+    figures = {}
     for rate in options.rate:
-        print(run(rate, options.pairs), flush=True)
+        row = figures[f'{rate:g} Hz'] = run(rate, options.pairs)
+        print(
+            f'{rate:g} Hz: {row["poses"]} of {row["asked"]} poses; image to pose '
+            + ', '.join(f'p{q} {row[f"p{q}"]:.1f}' for q in QUANTILES)
+            + ' ms',
+            flush=True,
+        )
+    if options.record:
+        keep(options.record, figures, timed=True)
     return 0
 
 

@@ -93,7 +93,14 @@ def latency() -> str:
         name = f'l_shape_v1, {where}'
         p50, p99 = (_ms(record.figures[f'{name}: image to pose, p{share}']) for share in (50, 99))
         rows.append([label, p50, p99, f'{record.figures[f"{name}: poses a second, flooded"]:.0f} Hz'])
-    return f'{table(["p50", "p99", "most poses a second"], rows)}\n\n{paragraph(record.source + ".")}'
+    tracked = read('tracker_node')
+    rates = [f'{name} {_ms(row["p50"])} ({_ms(row["p99"])})' for name, row in tracked.figures.items()]
+    answered = sum(row['poses'] for row in tracked.figures.values())
+    note = paragraph(f"""
+        {record.source}. tracker_node, in a process of its own, follows two objects in pairs of 640 x 480: p50 (p99) at
+        {', '.join(rates)}; {answered:,} of {sum(row['asked'] for row in tracked.figures.values()):,} poses came.
+        {tracked.source}.""")
+    return f'{table(["p50", "p99", "most poses a second"], rows)}\n\n{note}'
 
 
 def pictures() -> str:
