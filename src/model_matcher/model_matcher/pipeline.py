@@ -26,12 +26,13 @@ from .catalogue.settings import FILE_NAME
 from .geometry.line_pairs import rank_pairs
 from .geometry.settings import PARALLEL_SINE
 from .image_pose.measurement import Presence
+from .image_pose.settings import SPACING
 from .image_pose.views import Views
 from .interpretation_tree.match import match_by_tree
 from .model.index import ModelIndex, extent_points, index_model, indexed
 from .model.problem import Problem, make_problem, usable
 from .model.settings import SEARCH_WIDTH
-from .model.symmetry import distinct_pairs
+from .model.symmetry import Axis, distinct_pairs
 from .params import MatchParams, MatchResult, no_match
 from .proof.certificate import certify
 from .search.free_scale import match_free
@@ -45,6 +46,7 @@ from .verification.false_alarms import needed_evidence, needed_with_images
 from .verification.image_evidence import accepted_by_images, compete
 from .verification.refinement import Refined, refine_all
 from .verification.settings import CANDIDATES
+from .verification.turning import best_turn
 
 # What has been compiled: for features, images, an index.
 _warm: set[str] = set()
@@ -507,10 +509,13 @@ def _find_in_image() -> None:
     pictures = np.random.default_rng(0).integers(60, 80, (len(stands), 120, 160), dtype=np.uint8)
     for picture, stand in zip(pictures, stands):
         for pose in poses:
-            outline = camera.project(stand.inverse().apply(pose.apply(extent_points(index.features))))
-            picture[Delaunay(outline).find_simplex(camera.pixel_grid()).reshape(picture.shape) >= 0] += 100
+            corners = camera.project(stand.inverse().apply(pose.apply(extent_points(index.features))))
+            picture[Delaunay(corners).find_simplex(camera.pixel_grid()).reshape(picture.shape) >= 0] += 100
     data = FeatureSet.concatenate([index.features.transformed(pose) for pose in poses])
-    survey([index], data, MatchParams(false_alarm_rate=1.0), Views(list(pictures), [camera] * 2, stands))
+    views = Views(list(pictures), [camera] * 2, stands)
+    survey([index], data, MatchParams(false_alarm_rate=1.0), views)
+    outline = SolidOutline(solid)
+    best_turn(outline, poses[0], Axis(np.zeros(3), np.array([0.0, 0.0, 1.0])), 0.1, views, SPACING)
 
 
 def warm_up(

@@ -143,7 +143,7 @@ def best_turn(shape: Shape, pose: Pose, axis: Axis, within: float, views: Views,
     moves = _moves(sight, shape, pose, axis)
     # So fine that no point misses its step.
     count = math.ceil(float(np.abs(moves).max()) * within / ON_EDGE)
-    turns = np.linspace(-within, within, 2 * count + 1)
+    turns = within * np.arange(-count, count + 1) / max(count, 1)
     nats = ratios(sight.placed, sight.limb, searched(sight, views, REACH + 1), moves, turns)
     # A point is confirmed within a pixel either way: of turns as good, the one in the middle.
     best = np.flatnonzero(nats > nats.max() - NOT_ZERO)
