@@ -82,8 +82,8 @@ REVEALED = 0.1
 OTHERS_EDGES = (0.23, 0.06)
 # Beta distributions of the share of the confirmed points of a curve whose step is the other way round than that of the
 # one before: of steady edges, and of others; chances that a model's own edges are like the second, and that those of
-# what is not there are. Fitted by test/benchmarks/calibrate_evidence.py. The last is known badly (0.03 to 0.47): with 0.6
-# six of 600 absent parts were answered in rendered scenes, where nothing is printed and others' edges do not reverse.
+# what is not there are. Fitted by test/benchmarks/calibrate_evidence.py. The last is known badly (0.03 to 0.47): 0.6
+# answered six of 600 absent parts in rendered scenes, where nothing is printed and others' edges do not reverse.
 REVERSALS_OF_OWN = (0.34, 11.2)
 REVERSALS_OF_OTHERS = (0.8, 5.8)
 REVERSING = (0.1, 0.3)
