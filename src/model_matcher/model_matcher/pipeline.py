@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,7 @@ from csg_renderer.features.mesh_outline import compile_steps as mesh_steps
 from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, PinholeCamera, Pose
 from msgs_py.numeric.deadline import Deadline, blocks
 from msgs_py.numeric.steps import CompileStep, run_all
-from msgs_py.numeric.threads import spread_until
+from msgs_py.numeric.threads import spread, spread_until
 
 from .catalogue.build import indexed_model, write_catalogue
 from .catalogue.candidates import candidates
@@ -36,11 +36,11 @@ from .model.symmetry import Axis, distinct_pairs
 from .params import MatchParams, MatchResult, no_match
 from .proof.certificate import certify
 from .search.free_scale import match_free
-from .search.pair_search import Candidates, kept, search_pairs
+from .search.pair_search import Candidates, has_waited, kept, merge, search_pairs
 from .search.parallel_search import search_all_parallel
 from .search.prefilter import prefilter
 from .search.settings import ALL_PAIRED, MOST_CANDIDATES, NEAR, SHARES
-from .settings import LOOKED_AT, PATIENCE, PERIODIC
+from .settings import LOOKED_AT, MANY_PAIRS, PATIENCE, PERIODIC
 from .verification.acceptance import accept
 from .verification.false_alarms import needed_evidence, needed_with_images
 from .verification.image_evidence import accepted_by_images, compete
@@ -228,27 +228,59 @@ def _search(
 ) -> _Found:
     """Try the ranked pairs from number ``begin`` on."""
     table = distinct_pairs(problem.index)
-    motions, scores = np.zeros((PERIODIC * CANDIDATES, 12)), np.zeros(PERIODIC * CANDIDATES)
+    candidates = Candidates(np.zeros((PERIODIC * CANDIDATES, 12)), np.zeros(PERIODIC * CANDIDATES))
     state = np.array([0, 0, begin, 0])
+
+    def tried(first: int, last: int, wait: tuple[float, float], found: Candidates, so_far: np.ndarray) -> None:
+        about = pairs, partners, problem.model, table, problem.features, SEARCH_WIDTH
+        search_pairs(*about, first, last, wait, found, so_far)
+
+    many = len(table.members) > MANY_PAIRS
     for first, last in blocks(len(pairs), deadline, begin):
-        search_pairs(
-            pairs,
-            partners,
-            problem.model,
-            table,
-            problem.features,
-            SEARCH_WIDTH,
-            first,
-            last,
-            patience,
-            Candidates(motions, scores),
-            state,
-        )
+        if many:
+            _side_by_side(problem, (first, last), patience, tried, candidates, state)
+        else:
+            tried(first, last, patience, candidates, state)
         if state[3]:
             break
+    motions, scores = candidates
     in_time = state[2] >= len(pairs) or state[3] or not deadline.passed
     stopped = 'patience' if state[3] else 'exhausted' if in_time else 'time limit'
     return _Found(motions, scores, int(state[2]), int(state[0]), stopped)
+
+
+def _side_by_side(
+    problem: Problem,
+    pairs: tuple[int, int],
+    patience: tuple[float, float],
+    tried: Callable[[int, int, tuple[float, float], Candidates, np.ndarray], None],
+    candidates: Candidates,
+    state: np.ndarray,
+) -> None:
+    """Try data pairs first to last - 1 two at once, as one after the other would be; what is found is the same.
+
+    tried : see :func:`_search`; candidates, state : changed in place, see :func:`.pair_search.search_pairs`
+    """
+    features = problem.n_data, len(problem.index)
+
+    def one(number: int) -> tuple[Candidates, np.ndarray]:
+        found, so_far = Candidates(candidates.motions.copy(), candidates.scores.copy()), np.array([0, 0, number, 0])
+        tried(number, number + 1, (np.inf, np.inf), found, so_far)
+        return found, so_far
+
+    for first in range(pairs[0], pairs[1], 2):
+        for found, so_far in spread(one, range(first, min(first + 2, pairs[1]))):
+            before = np.floor(candidates.scores[0])
+            improved = np.floor(found.scores[0]) > before
+            if improved:
+                state[1] = state[0] + so_far[1]
+            state[0] += so_far[0]
+            state[2] = so_far[2]
+            merge(found, problem.model, candidates)
+            waited = int(state[0] - state[1])
+            if not improved and has_waited(waited, float(candidates.scores[0]), features, patience):
+                state[3] = 1
+                return
 
 
 def _neighbours(rows: np.ndarray, longest: float, deadline: Deadline) -> tuple[np.ndarray, bool]:
@@ -472,6 +504,10 @@ def compile_steps(
         _warm.add('features')
         # Whatever evidence there is suffices: nothing is to be compiled only when something is found.
         match(model, model, replace(wanted, false_alarm_rate=1.0))
+        # What a large model needs besides, with nothing to find.
+        problem = make_problem(indexed(model, 'model'), model, wanted)
+        none, state = Candidates(np.zeros((1, 12)), np.zeros(1)), np.zeros(4, np.int64)
+        _side_by_side(problem, (0, 1), (PATIENCE.least, PATIENCE.most), lambda *_: None, none, state)
 
     steps = [CompileStep('search by pairs of features', lambda: with_params(MatchParams()))]
     if asked != MatchParams():

@@ -6,7 +6,7 @@ from threading import Timer
 import numpy as np
 import pytest
 
-from model_matcher import MatchParams, match, recognise
+from model_matcher import MatchParams, index_model, match, pipeline, recognise
 from model_matcher.closed_form.synthetic.scenes import MODELS, chipped_block, l_shape, make_scene, random_pose
 from model_matcher.pipeline import survey, warm_up
 from msgs_py import FeatureSet, Pose
@@ -260,3 +260,23 @@ def test_time_that_an_item_leaves_goes_to_those_after_it(monkeypatch):
     given = spread_until(lambda item, seconds: seconds, [0, 1, 2, 3], Deadline(8.0))
     np.testing.assert_allclose(given, [2.0, 8.0 / 3.0, 4.0, 8.0], rtol=0.05)
     assert spread_until(lambda item, seconds: seconds, [0, 1], Deadline(-1.0)) == [0.0, 0.0]
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_two_pairs_at_once_find_what_one_after_the_other_does(seed, monkeypatch):
+    """Also where the search is given up: hypotheses, pairs and poses are the same."""
+    model = index_model([chipped_block(), l_shape()][seed % 2])
+    scene = make_scene(model.features, seed, clutter=0.85)
+    found = []
+    for many in (0, 10**9):
+        monkeypatch.setattr(pipeline, 'MANY_PAIRS', many)
+        result = match(model, scene.data, MatchParams(time_limit_s=60.0))
+        found.append(
+            (
+                result.stats['hypotheses'],
+                result.stats['pairs'],
+                result.stats['stopped_by'],
+                [one.pose.translation.tolist() for one in (*result.interpretations, *result.rejected)],
+            )
+        )
+    assert found[0] == found[1]

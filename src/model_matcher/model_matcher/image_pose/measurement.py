@@ -313,7 +313,7 @@ def fitted(sight: Sight, views: Views) -> Steps:
         quality = Quality(tone, blur, noise, walk, own)
         fit_steps(image, outline, beside[rows], quality, out[rows])
     known = np.isfinite(out[:, 0])
-    offset, variance, rise = (np.where(known, out[:, k], least) for k, least in enumerate((0.0, 1.0, 0.0)))
+    offset, variance, rise = (np.where(known, out[:, k], other) for k, other in enumerate((0.0, 1.0, 0.0)))
     return Steps(offset[:, None], known.astype(np.int32), variance, rise[:, None])
 
 

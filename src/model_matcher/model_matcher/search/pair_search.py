@@ -157,6 +157,28 @@ def _place_of(model_pair: FloatArray, turn: float, step: float, size: float, p: 
 
 
 @njit(nogil=True)
+def has_waited(hypotheses: int, best: float, features: tuple[int, int], patience: tuple[float, float]) -> bool:
+    """Whether so many hypotheses without a better pose than the best score are enough.
+
+    features : of the data, and of the model; patience : see :func:`search_pairs`
+    """
+    n, of_model = features
+    share = n / max(np.floor(best), NEEDED)
+    longer = LONGER if max(best, NEEDED) < LITTLE_EXPLAINED * of_model else 1.0
+    enough: bool = hypotheses > longer * min(patience[0] * share * share, patience[1]) or best >= n
+    return enough
+
+
+@njit(nogil=True)
+def merge(more: Candidates, model: ModelFeatures, candidates: Candidates) -> None:
+    """Keep of further candidates those that are worth it, as :func:`keep_candidate` does."""
+    for k in range(len(more.scores)):
+        if more.scores[k] <= 0.0:
+            break
+        keep_candidate(more.motions[k], more.scores[k], model, candidates)
+
+
+@njit(nogil=True)
 def search_pairs(
     pairs: Int32Array,
     partners: Int32Array,
@@ -253,9 +275,6 @@ def search_pairs(
         state[2] = p + 1
         if before != state[1]:
             continue
-        waited = state[0] - state[1]
-        share = n / max(np.floor(scores[0]), NEEDED)
-        longer = LONGER if max(scores[0], NEEDED) < LITTLE_EXPLAINED * model.rows.shape[0] else 1.0
-        if waited > longer * min(patience[0] * share * share, patience[1]) or scores[0] >= n:
+        if has_waited(state[0] - state[1], scores[0], (n, model.rows.shape[0]), patience):
             state[3] = 1
             return
