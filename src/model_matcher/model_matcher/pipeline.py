@@ -235,9 +235,10 @@ def _search(
         about = pairs, partners, problem.model, table, problem.features, SEARCH_WIDTH
         search_pairs(*about, first, last, wait, found, so_far)
 
-    many = len(table.members) > MANY_PAIRS
-    for first, last in blocks(len(pairs), deadline, begin):
-        if many:
+    at_once = 2 if len(table.members) > MANY_PAIRS else 1
+    for some in blocks(-(-(len(pairs) - begin) // at_once), deadline):
+        first, last = (min(begin + at_once * number, len(pairs)) for number in some)
+        if at_once > 1:
             _side_by_side(problem, (first, last), patience, tried, candidates, state)
         else:
             tried(first, last, patience, candidates, state)

@@ -162,7 +162,7 @@ class ImageEvidence(NamedTuple):
 
 
 IMAGE_EVIDENCE = ImageEvidence(0.35, 0.75, 1.27)
-# Pixels of an object's diagonal, or of how far from its axis what is not round reaches, above which poses are told apart
+# Pixels of an object's diagonal, or from its axis to what is not round, above which poses are told apart
 # in images of half the size: an outline of half of this still has some thirty points, REACH apart, in each view.
 SEEN_LARGE = 125.0
 # Hypotheses with a free turn, the best of a search, all turns of which are looked at, for many share one axis; and
