@@ -324,7 +324,7 @@ def _reversals(found: list[Best]) -> np.ndarray:
 
 def _way(found: list[Best], right: bool, steady: np.ndarray | None) -> np.ndarray:
     """(2,): the beta distribution of what is right or is not, of which a share is distributed as ``steady``."""
-    each = [_along_edges([one], right) for one in found if one.right == right and one.curves]
+    each = [_along_edges(one) for one in found if one.right == right and one.curves]
     if not each or (steady is not None and np.isnan(steady).any()):
         return np.full(2, np.nan)
 
@@ -345,12 +345,11 @@ def _of_outlines(each: list[np.ndarray], shape: np.ndarray) -> np.ndarray:
     return np.array([there @ (betaln(a + turned, b + after - turned) - betaln(a, b)) for there, after, turned in each])
 
 
-def _along_edges(some: list[Best], right: bool) -> np.ndarray:
-    """(3, n): of all their curves the chance that an edge lies along each, its confirmed points that follow another,
-    and how many of these are reversed."""
-    curves = np.array([one for best in some for one in best.curves]).reshape(-1, 5)
-    is_bent, edge, apart, after, turned = curves.T
-    share = 1.0 - np.mean(HIDDEN) if right else np.where(is_bent > 0.0, OTHERS_EDGES[1], OTHERS_EDGES[0])
+def _along_edges(best: Best) -> np.ndarray:
+    """(3, n): of its curves the chance that an edge lies along each, its confirmed points that follow another, and how
+    many of these are reversed."""
+    is_bent, edge, apart, after, turned = np.array(best.curves).T
+    share = 1.0 - np.mean(HIDDEN) if best.right else np.where(is_bent > 0.0, OTHERS_EDGES[1], OTHERS_EDGES[0])
     return np.stack([expit(np.log(share / (1.0 - share)) + edge - apart), after, turned])
 
 
@@ -359,13 +358,11 @@ def _reversing(found: list[Best], right: bool) -> float:
 
     What is taken for a part has edges that are steadier than most; only these can be answered.
     """
-    nats, is_right = _columns(found)
-    evidence = nats @ IN_USE[:3]
-    some = [one for one in found if one.right] if right else []
-    if not right and not is_right.all():
-        least = np.quantile(evidence[~is_right], TAIL_FROM)
-        some = [one for one, here, there in zip(found, evidence, is_right) if not there and here >= least]
-    each = [_along_edges([one], right) for one in some if one.curves]
+    some = [one for one in found if one.right == right]
+    if some and not right:
+        evidence = _columns(some)[0] @ IN_USE[:3]
+        some = [one for one, nats in zip(some, evidence) if nats >= np.quantile(evidence, TAIL_FROM)]
+    each = [_along_edges(one) for one in some if one.curves]
     if not each:
         return np.nan
     steady, reversing = (_of_outlines(each, np.array(shape)) for shape in (REVERSALS_OF_OWN, REVERSALS_OF_OTHERS))

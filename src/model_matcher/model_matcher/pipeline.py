@@ -27,6 +27,7 @@ from .geometry.line_pairs import rank_pairs
 from .geometry.settings import PARALLEL_SINE
 from .image_pose.measurement import Presence
 from .image_pose.settings import SPACING
+from .image_pose.surface import Agreement, log_ratio
 from .image_pose.views import Views
 from .interpretation_tree.match import match_by_tree
 from .model.index import ModelIndex, extent_points, index_model, indexed
@@ -551,6 +552,8 @@ def _find_in_image() -> None:
     data = FeatureSet.concatenate([index.features.transformed(pose) for pose in poses])
     views = Views(list(pictures), [camera] * 2, stands)
     survey([index], data, MatchParams(false_alarm_rate=1.0), views)
+    # Noise has no patches that tell where they are.
+    log_ratio((Agreement(1, 2),))
     outline = SolidOutline(solid)
     best_turn(outline, poses[0], Axis(np.zeros(3), np.array([0.0, 0.0, 1.0])), 0.1, views, SPACING)
 

@@ -362,8 +362,8 @@ def steadiness(
     after, turned = reversals(found, polarity, group, curve)
     ratio, hidden = 0.0, np.array(HIDDEN).mean()
     for c in range(len(edge)):
-        own = _beta_binomial(after[c], turned[c], REVERSALS_OF_OWN)
-        other = _beta_binomial(after[c], turned[c], REVERSALS_OF_OTHERS)
+        own = beta_binomial(turned[c], after[c], REVERSALS_OF_OWN)
+        other = beta_binomial(turned[c], after[c], REVERSALS_OF_OTHERS)
         others = _either(chance.in_space[1 if is_bent[c] else 0], edge[c], apart[c])
         mixed = _either(1.0 - hidden, edge[c], others)
         ratio += _either(1.0 - hidden, edge[c] + own - other, others) - mixed
@@ -373,11 +373,16 @@ def steadiness(
 
 
 @njit(nogil=True)
-def _beta_binomial(n: float, k: float, shape: tuple[float, float]) -> float:
+def beta_binomial(k: float, n: float, shape: tuple[float, float]) -> float:
     """Log-likelihood of k of n in an order, of a share that has a beta distribution."""
     a, b = shape
-    with_k = math.lgamma(a + k) + math.lgamma(b + n - k) - math.lgamma(a + b + n)
-    return with_k - math.lgamma(a) - math.lgamma(b) + math.lgamma(a + b)
+    log_likelihood: float = _log_beta(k + a, n - k + b) - _log_beta(a, b)
+    return log_likelihood
+
+
+@njit(nogil=True)
+def _log_beta(a: float, b: float) -> float:
+    return math.lgamma(a) + math.lgamma(b) - math.lgamma(a + b)
 
 
 @njit(nogil=True)

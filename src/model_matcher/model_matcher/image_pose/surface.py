@@ -20,6 +20,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import ByteArray, FloatArray, Int32Array, IntArray
 
 from ..geometry.settings import NOT_ZERO, UNIFORM_VARIANCE
+from .presence import beta_binomial
 from .settings import OTHERS_FACES, PATCH, PATCH_BEND, PATCHES, REACH, SURFACE_OF_OTHERS, SURFACE_OF_OWN
 from .sight import Shape, Sight
 from .views import Views
@@ -94,18 +95,8 @@ def log_ratio(found: Sequence[Agreement]) -> float:
     >>> log_ratio([])
     0.0
     """
-    ratios = (_log_chance(face, SURFACE_OF_OWN) - _log_chance(face, SURFACE_OF_OTHERS) for face in found)
+    ratios = (beta_binomial(*face, SURFACE_OF_OWN) - beta_binomial(*face, SURFACE_OF_OTHERS) for face in found)
     return sum((-math.log(OTHERS_FACES + (1.0 - OTHERS_FACES) * math.exp(-ratio)) for ratio in ratios), 0.0)
-
-
-def _log_chance(found: Agreement, share: tuple[float, float]) -> float:
-    """Logarithm of the beta-binomial chance of counts but for the number of their orders."""
-    a, b = share
-    return _log_beta(found.agree + a, found.looked - found.agree + b) - _log_beta(a, b)
-
-
-def _log_beta(a: float, b: float) -> float:
-    return math.lgamma(a) + math.lgamma(b) - math.lgamma(a + b)
 
 
 def _grid(outline: FloatArray, image: ByteArray) -> tuple[FloatArray, Int32Array]:

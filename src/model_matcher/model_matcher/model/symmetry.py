@@ -28,6 +28,12 @@ class Axis(NamedTuple):
     point: np.ndarray
     direction: np.ndarray
 
+    def distances(self, points: np.ndarray) -> np.ndarray:
+        """How far points (n, 3) are from it, (n,) metres."""
+        off = points - self.point
+        away: np.ndarray = np.linalg.norm(off - np.outer(off @ self.direction, self.direction), axis=1)
+        return away
+
 
 _known: WeakKeyDictionary[ModelIndex, tuple[Pose, ...]] = WeakKeyDictionary()
 
@@ -97,11 +103,9 @@ def _where(motion: Pose, index: ModelIndex) -> np.ndarray:
 
 def about_axis(rows: np.ndarray, axis: Axis, size: float) -> np.ndarray:
     """Which features, rows (n, 9) of a model of that size, lie along an axis, or are circles about it, (n,) bool."""
-    off = rows[:, :3] - axis.point
-    away = np.linalg.norm(off - np.outer(off @ axis.direction, axis.direction), axis=1)
     tilt = np.linalg.norm(np.cross(rows[:, 3:6], axis.direction), axis=1)
     lever = np.maximum(rows[:, 6], np.nan_to_num(rows[:, 7]))
-    about: np.ndarray = away + tilt * lever <= EXACT * size
+    about: np.ndarray = axis.distances(rows[:, :3]) + tilt * lever <= EXACT * size
     return about
 
 

@@ -109,8 +109,7 @@ def _lever(index: ModelIndex, axis: Axis) -> float:
     rows = index.rows[~about_axis(index.rows, axis, index.size)]
     # Straight ones to their ends, curves to the farther side of their circle.
     half = np.where(np.isnan(rows[:, 7]), rows[:, 6], 0.0)[:, None] * rows[:, 3:6]
-    ends = np.concatenate([rows[:, :3] - half, rows[:, :3] + half]) - axis.point
-    off = np.linalg.norm(ends - np.outer(ends @ axis.direction, axis.direction), axis=1)
+    off = axis.distances(np.concatenate([rows[:, :3] - half, rows[:, :3] + half]))
     return float((off + np.tile(np.nan_to_num(rows[:, 7]), 2)).max(initial=0.0))
 
 
