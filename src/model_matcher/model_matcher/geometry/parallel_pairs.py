@@ -148,6 +148,16 @@ def _turned(
 
 
 @njit
+def seen_whole(data: DataFeatures, model: ModelFeatures) -> BoolArray:
+    """Which data features show where which model features end, (n, e): of two parallel edges both have to."""
+    out = np.empty((len(data.kind), len(model.kind)), np.bool_)
+    for a in range(out.shape[0]):
+        for i in range(out.shape[1]):
+            out[a, i] = _whole(data, a, model, i)
+    return out
+
+
+@njit
 def _whole(data: DataFeatures, a: int, model: ModelFeatures, i: int) -> bool:
     """Whether data feature a shows where model feature i ends: a curve, or as long as it."""
     # An end that may lie anywhere on the edge is none.

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
-from collections.abc import Callable
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import polygamma
 
-from msgs_py.numeric.typed import ByteArray, FloatArray
+from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import BoolArray, ByteArray, FloatArray
 
 from ..geometry.settings import NOT_ZERO
 from .profiles import Quality, Stretches, fit_steps
 from .settings import BLUR_STEPS, FIRST_BLUR, FIRST_WALK, FLANK, LEAST_BLUR, MOST_BLUR, QUALITY_POINTS, STRONG, WALKS
+
+# What is left of a profile is of differences of neighbours, less the place and the height of a step; the logarithm of
+# its mean square varies by chance as trigamma says.
+DIFFERENCES = 2 * FLANK - 2
+BY_CHANCE = float(polygamma(1, 0.5 * DIFFERENCES))
 
 
 class Look(NamedTuple):
@@ -45,52 +48,83 @@ def look_of(image: ByteArray, outline: Stretches, beside: FloatArray, tone: floa
     """
     alone = np.flatnonzero((outline.flank == FLANK) & np.isnan(beside).all(axis=1))
     some = alone[:: max(1, -(-len(alone) // QUALITY_POINTS))]
-    part = outline.some(some)
-    nothing, out = beside[some], np.empty((len(some), 4))
+    return Look(*_look_of(_Steps(image, outline.some(some), beside[some], tone, noise)))
 
-    def left(blur: float, walk: float) -> FloatArray:
-        fit_steps(image, part, nothing, Quality(tone, blur, noise, walk, 0.0), out)
-        return out[:, 3]
 
-    left(FIRST_BLUR, FIRST_WALK)
-    strong = np.abs(out[:, 2]) > STRONG * noise
+class _Steps(NamedTuple):
+    """Steps that stand alone, and what is known of their image: see :func:`look_of`."""
+
+    image: ByteArray
+    outline: Stretches
+    beside: FloatArray
+    tone: float
+    noise: float
+
+
+@njit(nogil=True)
+def _look_of(steps: _Steps) -> tuple[float, float, float]:
+    """As :func:`look_of`."""
+    out = np.empty((len(steps.outline.spacing), 4))
+    _fit(steps, FIRST_BLUR, FIRST_WALK, out)
+    strong = np.abs(out[:, 2]) > STRONG * steps.noise
     if not strong.any():
-        return Look(LEAST_BLUR, FIRST_WALK, 0.0)
-
-    def unexplained(blur: float) -> float:
-        return float(np.median(np.nan_to_num(left(blur, FIRST_WALK)[strong], nan=np.inf)))
-
-    def told(first: float, step: float) -> float:
-        least, most = (int(math.log(end / first) / math.log(step)) for end in (LEAST_BLUR, MOST_BLUR))
-        return float(first * step ** _lowest(lambda k: unexplained(first * step**k), range(least, most + 1)))
-
+        return LEAST_BLUR, FIRST_WALK, 0.0
     blur = FIRST_BLUR
     for step in BLUR_STEPS:
-        blur = told(blur, step)
+        blur = _told_blur(steps, blur, step, strong, out)
     # The more they may wander, the less is left: as much as was expected where the walk is right.
-    most = bisect_left(WALKS, -1.0, key=lambda walk: -float(np.nanmean(left(blur, walk))))
-    walk = WALKS[min(most, len(WALKS) - 1)]
-    left(blur, walk)
-    # What is left is of differences of neighbours, less the place and the height of a step; the logarithm of its mean
-    # square varies by chance as trigamma says.
-    differences = 2 * FLANK - 2
-    dispersion = float(np.nanvar(np.log(out[:, 3])) - polygamma(1, 0.5 * differences))
-    believed = (1.0 + np.sqrt(1.0 + 2.0 * dispersion)) / dispersion if dispersion > 0.0 else np.inf
-    return Look(blur, walk, differences / (differences + believed))
+    low, high = 0, len(WALKS) - 1
+    while low < high:
+        middle = (low + high) // 2
+        _fit(steps, blur, WALKS[middle], out)
+        low, high = (middle + 1, high) if np.nanmean(out[:, 3]) > 1.0 else (low, middle)
+    walk = WALKS[low]
+    _fit(steps, blur, walk, out)
+    dispersion = np.nanvar(np.log(out[:, 3])) - BY_CHANCE
+    if not dispersion > 0.0:
+        return blur, walk, 0.0
+    believed = (1.0 + math.sqrt(1.0 + 2.0 * dispersion)) / dispersion
+    return blur, walk, DIFFERENCES / (DIFFERENCES + believed)
 
 
-def _lowest(cost: Callable[[int], float], places: range) -> float:
-    """Where a cost of whole numbers is lowest, downhill from 0, a place; between them by a parabola through three."""
-    known = cache(cost)
-    best = 0
+@njit(nogil=True)
+def _fit(steps: _Steps, blur: float, walk: float, out: FloatArray) -> None:
+    """Fit the steps, see :func:`.profiles.fit_steps`; out : (n, 4), filled."""
+    fit_steps(steps.image, steps.outline, steps.beside, Quality(steps.tone, blur, steps.noise, walk, 0.0), out)
+
+
+@njit(nogil=True)
+def _told_blur(steps: _Steps, first: float, step: float, strong: BoolArray, out: FloatArray) -> float:
+    """The blur that leaves the least of strong steps, of ``first`` times powers of ``step``.
+
+    Downhill from the first; between the best and those beside it by a parabola.
+    """
+    least = int(math.log(LEAST_BLUR / first) / math.log(step))
+    most = int(math.log(MOST_BLUR / first) / math.log(step))
+    left = np.full(most - least + 1, np.nan)
+    best, near = 0, 0
     while True:
-        near = min((k for k in (best, best - 1, best + 1) if k in places), key=known)
+        for k in (best, best - 1, best + 1):
+            if least <= k <= most:
+                if math.isnan(left[k - least]):
+                    _fit(steps, first * step**k, FIRST_WALK, out)
+                    left[k - least] = _median_left(out, strong)
+                if left[k - least] < left[near - least]:
+                    near = k
         if near == best:
             break
         best = near
-    if best - 1 not in places or best + 1 not in places:
-        return float(best)
-    before, here, after = known(best - 1), known(best), known(best + 1)
-    if not np.isfinite(before + after):
-        return float(best)
-    return best + 0.5 * (before - after) / max(before - 2.0 * here + after, NOT_ZERO)
+    place = float(best)
+    if least < best < most:
+        before, here, after = left[best - 1 - least], left[best - least], left[best + 1 - least]
+        if math.isfinite(before + after):
+            place += 0.5 * (before - after) / max(before - 2.0 * here + after, NOT_ZERO)
+    return float(first * step**place)
+
+
+@njit(nogil=True)
+def _median_left(out: FloatArray, strong: BoolArray) -> float:
+    """Median of what is left of strong steps; one that has not been fitted counts as the worst."""
+    left = out[strong, 3]
+    left[np.isnan(left)] = np.inf
+    return float(np.median(left))

@@ -17,6 +17,7 @@ import numpy as np
 from msgs_py import Pose
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.settings import BOUND_SIGMA
+from msgs_py.numeric.threads import spread
 from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
 from ..geometry.least_squares import covariances
@@ -187,18 +188,15 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
     if views.tone[0] > 0.0:
         laid_on = _laid_on_fitted(shape, motion, views, sight, density)
     else:
-        found = []
-        for tone in TONES:
-            views.tone[0], views.look[:] = tone, 0.0
-            laid_on = _laid_on_fitted(shape, motion, views, sight, density)
-            found.append((laid_on, views.look.copy()))
+        coded = [views.coded(tone) for tone in TONES]
+        found = spread(lambda some: _laid_on_fitted(shape, motion, some, sight, density), coded)
         curves = len(np.unique(sight.placed.group))
-        of_lines = [np.hypot(one.error.curve, one.error.view) + NOT_ZERO for one, *_ in found]
+        of_lines = [np.hypot(one.error.curve, one.error.view) + NOT_ZERO for one in found]
         # The pose has taken six of the errors of the curves.
         gain = max(2 * curves - 6, 0) * np.log(of_lines[0] / of_lines[1])
         best = int(gain > DECISIVE)
-        views.tone[0] = TONES[best]
-        laid_on, views.look[:] = found[best]
+        laid_on = found[best]
+        views.take_over(coded[best].quality)
     pose = as_pose(laid_on.motion)
     arm = (pose.translation - pose.apply(shape.centre))[None]
     covariance = covariances(laid_on.normal[None], np.ones(1), arm, shape.size)[0]
@@ -296,8 +294,9 @@ def fitted(sight: Sight, views: Views) -> Steps:
     tone = max(float(views.tone[0]), TONES[0])
     beside, flank = neighbours(sight.placed, sight.spacing)
     out = np.empty((len(sight), 4))
-    for eye, image in enumerate(views.images):
-        rows = sight.rows(eye)
+
+    def fit(eye: int) -> None:
+        rows, image, noise = sight.rows(eye), views.images[eye], float(views.noise[eye])
         outline = Stretches(
             sight.placed.pixel[rows],
             sight.placed.normal[rows],
@@ -306,12 +305,13 @@ def fitted(sight: Sight, views: Views) -> Steps:
             sight.limb[rows],
             flank[rows],
         )
-        noise = float(views.noise[eye])
         if not views.look[eye].any():
             views.look[eye] = look_of(image, outline, beside[rows], tone, noise)
         blur, walk, own = views.look[eye].tolist()
         quality = Quality(tone, blur, noise, walk, own)
         fit_steps(image, outline, beside[rows], quality, out[rows])
+
+    spread(fit, range(len(views)))
     known = np.isfinite(out[:, 0])
     offset, variance, rise = (np.where(known, out[:, k], other) for k, other in enumerate((0.0, 1.0, 0.0)))
     return Steps(offset[:, None], known.astype(np.int32), variance, rise[:, None])

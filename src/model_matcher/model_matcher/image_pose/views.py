@@ -101,6 +101,12 @@ class Views:
         # Where cached_property keeps what it has computed.
         self.__dict__.update(noise=noise, tone=tone, look=look)
 
+    def coded(self, tone: float) -> Views:
+        """The same with a tone curve; what else the images are like has to be measured by it."""
+        views = Views(self.images, self.cameras, self.poses)
+        views.take_over((self.noise, np.array([tone]), np.zeros_like(self.look)))
+        return views
+
     @cached_property
     def halved(self) -> Views:
         """The same at half the resolution."""

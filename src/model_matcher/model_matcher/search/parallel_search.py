@@ -24,6 +24,7 @@ from ..geometry.parallel_pairs import (
     matching_parallel,
     offsets,
     parallel_pose,
+    seen_whole,
     single_pose,
 )
 from ..geometry.settings import PARALLEL_SINE
@@ -57,6 +58,8 @@ def search_all_parallel(problem: Problem, edges: bool, candidates: Candidates, d
     """
     model, data, index = problem.model, problem.features, problem.index
     may = possible(data.rows, data.kind, data.tolerances, model.rows, model.kind, data.radius_tolerance)
+    if edges:
+        may &= seen_whole(data, model)
     pairs = _data_pairs(problem, may, edges)
     if not edges and axis_of_revolution(index) is not None:
         alone = np.flatnonzero(may.any(axis=1)).astype(np.int32)

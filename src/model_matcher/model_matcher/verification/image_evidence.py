@@ -152,9 +152,9 @@ def _drawn_in(
         motion, sight = looked_for(shape, pose, views)
         return Weighed(_at(problem, hypothesis, motion), motion, shown(sight, views)[0])
 
-    some = spread(lambda pose: None if deadline.passed else drawn(pose), poses[1:DRAWN])
-    found = [drawn(poses[0]), *(one for one in some if one is not None)]
-    best, *others = sorted(found, key=lambda one: -one.shown.log_ratio)
+    # The first is drawn in whatever the time.
+    some = spread(lambda k: None if k and deadline.passed else drawn(poses[k]), range(min(len(poses), DRAWN)))
+    best, *others = sorted((one for one in some if one is not None), key=lambda one: -one.shown.log_ratio)
     return replace(best, rivals=tuple(others))
 
 

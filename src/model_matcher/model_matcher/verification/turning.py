@@ -62,10 +62,10 @@ def likeliest_turns(
     poses, within = _turns(index, axis, pose, _pixels(shape, lever, pose, coarse))
     turned: list[Pose] = []
     # Seen coarsely many turns are as likely as the best one.
-    for some in (views,) if coarse is views else (coarse, views):
+    for some, spacing in (*([] if coarse is views else [(coarse, float(REACH))]), (views, SPACING)):
 
-        def best(one: Pose, some: Views = some) -> tuple[float, Pose]:
-            return (-math.inf, one) if deadline.passed else best_turn(shape, one, axis, within, some, SPACING)
+        def best(one: Pose, some: Views = some, spacing: float = spacing) -> tuple[float, Pose]:
+            return (-math.inf, one) if deadline.passed else best_turn(shape, one, axis, within, some, spacing)
 
         found = spread(best, poses)
         glances = np.array([nats for nats, _ in found])
