@@ -12,7 +12,7 @@ from model_matcher.image_pose.settings import OTHERS_EDGES, REACH, SPACING
 from model_matcher.image_pose.sight import look
 from model_matcher.image_pose.views import Views
 from model_matcher.model.symmetry import Axis
-from model_matcher.verification.turning import about, best_turn, likeliest_turns, ratios
+from model_matcher.verification.turning import best_turn, likeliest_turns, ratios
 from msgs_py import PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.deadline import Deadline
 
@@ -44,13 +44,13 @@ def pulley():
 @pytest.mark.parametrize('degrees', [10.0, 77.0, 180.0, 231.0, 303.0])
 def test_the_turn_is_where_the_keyway_is(pulley, degrees):
     index, shape, pose, views = pulley
-    found = likeliest_turns(index, shape, AXIS, about(pose, AXIS, np.radians(degrees)), views, Deadline())
+    found = likeliest_turns(index, shape, AXIS, pose.compose(AXIS.turn(np.radians(degrees))), views, Deadline())
     assert pose.error_to(found[0]).rotation_deg < NEAR
 
 
 def test_a_turn_is_found_within_reach_and_not_beyond(pulley):
     _, shape, pose, views = pulley
-    start = about(pose, AXIS, 0.2)
+    start = pose.compose(AXIS.turn(0.2))
     near, turned = best_turn(shape, start, AXIS, 0.25, views, SPACING)
     far, _ = best_turn(shape, start, AXIS, 0.1, views, SPACING)
     assert pose.error_to(turned).rotation_deg < NEAR

@@ -78,13 +78,13 @@ def _look_of(steps: _Steps) -> tuple[float, float, float]:
         middle = (low + high) // 2
         _fit(steps, blur, WALKS[middle], out)
         low, high = (middle + 1, high) if np.nanmean(out[:, 3]) > 1.0 else (low, middle)
-    walk = WALKS[low]
+    walk = float(WALKS[low])
     _fit(steps, blur, walk, out)
     dispersion = np.nanvar(np.log(out[:, 3])) - BY_CHANCE
     if not dispersion > 0.0:
         return blur, walk, 0.0
     believed = (1.0 + math.sqrt(1.0 + 2.0 * dispersion)) / dispersion
-    return blur, walk, DIFFERENCES / (DIFFERENCES + believed)
+    return blur, walk, float(DIFFERENCES / (DIFFERENCES + believed))
 
 
 @njit(nogil=True)

@@ -34,6 +34,21 @@ class Axis(NamedTuple):
         away: np.ndarray = np.linalg.norm(off - np.outer(off @ self.direction, self.direction), axis=1)
         return away
 
+    def about(self, rotation: np.ndarray) -> Pose:
+        """The motion that turns by a rotation (3, 3) and leaves the point where it is."""
+        return Pose(rotation, self.point - rotation @ self.point)
+
+    def turn(self, angle: float) -> Pose:
+        """The motion that turns about the line by an angle, radians.
+
+        Examples
+        --------
+        >>> axis = Axis(np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))
+        >>> axis.turn(np.pi).apply([[2.0, 0.0, 5.0]]).round(9).tolist()
+        [[0.0, 0.0, 5.0]]
+        """
+        return self.about(Pose.from_rotation_vector(angle * self.direction).rotation)
+
 
 _known: WeakKeyDictionary[ModelIndex, tuple[Pose, ...]] = WeakKeyDictionary()
 
@@ -262,8 +277,7 @@ def _that_map(
 def _end_for_end(index: ModelIndex, axis: Axis, alike: np.ndarray, tolerance: float) -> tuple[Pose, ...]:
     """The half turn that swaps the two ends of a solid of revolution, when it is a symmetry."""
     across = perpendicular(axis.direction[None])[0]
-    half = Pose(2.0 * np.outer(across, across) - np.eye(3))
-    motion = Pose(half.rotation, axis.point - half.rotation @ axis.point)
+    motion = axis.about(2.0 * np.outer(across, across) - np.eye(3))
     return (motion,) if _maps(motion, index.rows, alike, tolerance) else ()
 
 

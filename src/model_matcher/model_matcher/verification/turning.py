@@ -29,12 +29,6 @@ from ..model.symmetry import Axis, about_axis, equal_but_for_turn, symmetries
 from .settings import SEEN_LARGE, STILL
 
 
-def about(pose: Pose, axis: Axis, turn: float) -> Pose:
-    """A pose after the model was turned about an axis of it, radians."""
-    motion = Pose.from_rotation_vector(turn * axis.direction)
-    return pose.compose(Pose(motion.rotation, axis.point - motion.rotation @ axis.point))
-
-
 def likeliest_turns(
     index: ModelIndex, shape: Shape, axis: Axis, pose: Pose, views: Views, deadline: Deadline
 ) -> list[Pose]:
@@ -101,7 +95,7 @@ def _turns(index: ModelIndex, axis: Axis, pose: Pose, lever: float) -> tuple[lis
     # Turns that lay the model on itself: what is between two of them is all there is.
     fold = 1 + sum(equal_but_for_turn(motion, Pose.identity(), axis, index.size) for motion in symmetries(index))
     within = np.pi / fold / max(1.0, np.ceil(np.pi * lever / REACH / fold))
-    return [about(pose, axis, turn) for turn in np.arange(0.0, 2.0 * np.pi / fold - within, 2.0 * within)], within
+    return [pose.compose(axis.turn(turn)) for turn in np.arange(0.0, 2.0 * np.pi / fold - within, 2.0 * within)], within
 
 
 def _lever(index: ModelIndex, axis: Axis) -> float:
@@ -146,7 +140,7 @@ def best_turn(shape: Shape, pose: Pose, axis: Axis, within: float, views: Views,
     nats = ratios(sight.placed, sight.limb, searched(sight, views, REACH + 1), moves, turns)
     # A point is confirmed within a pixel either way: of turns as good, the one in the middle.
     best = np.flatnonzero(nats > nats.max() - NOT_ZERO)
-    return float(nats.max()), about(pose, axis, float(turns[best[len(best) // 2]]))
+    return float(nats.max()), pose.compose(axis.turn(float(turns[best[len(best) // 2]])))
 
 
 def _moves(sight: Sight, shape: Shape, pose: Pose, axis: Axis) -> FloatArray:

@@ -59,10 +59,9 @@ def judged(part: PlannedPart, true: Sequence[Pose], found: Sequence[Pose]) -> tu
 def _turned_to(part: PlannedPart, true: Pose, found: Pose) -> Pose:
     """A true pose after the turn about the part's axis that brings it nearest to another."""
     assert part.axis is not None
-    point, direction = part.axis
+    direction = part.axis.direction
     left = true.rotation.T @ found.rotation
     odd = np.array([left[2, 1] - left[1, 2], left[0, 2] - left[2, 0], left[1, 0] - left[0, 1]])
     # The trace of R(angle)^T left is greatest where the rotation left over is least.
     angle = np.arctan2(direction @ odd, np.trace(left) - direction @ left @ direction)
-    turn = Pose.from_rotation_vector(angle * direction)
-    return true.compose(Pose(turn.rotation, point - turn.rotate(point[None])[0]))
+    return true.compose(part.axis.turn(angle))
