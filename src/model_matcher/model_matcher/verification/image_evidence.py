@@ -23,7 +23,7 @@ from msgs_py.numeric.threads import spread
 from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..geometry.pose_rows import as_motion, as_pose
-from ..image_pose.measurement import Presence, looked_for, polished, presence, shown
+from ..image_pose.measurement import ImagePose, Presence, looked_for, polished, presence, shown
 from ..image_pose.presence import overlap
 from ..image_pose.settings import DECISIVE, REACH, SPACING, UNSEEN_TURN
 from ..image_pose.sight import Shape
@@ -244,12 +244,19 @@ def accepted_by_images(
     accepted: list[Interpretation] = []
     taken: list[Weighed] = []
     refused = []
-    for found in sorted(weighed, key=lambda one: -one.evidence):
-        reason = _why_rejected(found, taken, claimed, needed) or _another(problem, found)
+    for drawn in sorted(weighed, key=lambda one: -one.evidence):
+        found, reason = drawn, _why_rejected(drawn, taken, claimed, needed) or _another(problem, drawn)
+        if reason is None:
+            measured = polished(shape, drawn.motion, views)
+            # What is accepted is the pose that is told, not the one near it that it was measured from.
+            found = replace(drawn, shown=measured.presence)
+            reason = _why_rejected(found, taken, claimed, needed)
         if reason is None:
             taken.append(found)
-            rivals = _rivals(problem.index, found, weighed)
-            accepted.append(_measured(problem.index, shape, found, rivals, views))
+            others = tuple(
+                polished(shape, other.motion, views).pose for other in _rivals(problem.index, drawn, weighed)
+            )
+            accepted.append(_answer(problem.index, found, measured, others))
         else:
             hypothesis = found.hypothesis
             refused.append(
@@ -374,14 +381,12 @@ def _rivals(index: ModelIndex, one: Weighed, weighed: Sequence[Weighed]) -> list
     return found
 
 
-def _measured(index: ModelIndex, shape: Shape, one: Weighed, rivals: Sequence[Weighed], views: Views) -> Interpretation:
-    """An accepted hypothesis at the pose that the images give it, with those that it may have instead."""
-    found = polished(shape, one.motion, views)
+def _answer(index: ModelIndex, one: Weighed, found: ImagePose, others: tuple[Pose, ...]) -> Interpretation:
+    """An accepted hypothesis at the pose that the images give it; others : those that it may have instead."""
     hypothesis = one.hypothesis
     turn, note = hypothesis.free_turn, hypothesis.note
     if turn is not None and float(turn @ found.covariance[3:, 3:] @ turn) < UNSEEN_TURN:
         turn, note = None, None  # the images tell what the features left open
-    others = tuple(polished(shape, other.motion, views).pose for other in rivals)
     return replace(
         hypothesis,
         pose=found.pose,

@@ -15,13 +15,14 @@ from msgs_py import Pose
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.threads import spread
-from msgs_py.numeric.typed import FloatArray
+from msgs_py.numeric.typed import BoolArray, FloatArray
 
+from ..geometry.pose_rows import as_motion, as_pose
 from ..geometry.settings import NOT_ZERO
 from ..image_pose.alignment import Placed, Steps
-from ..image_pose.measurement import searched
+from ..image_pose.measurement import elsewhere, laid, searched
 from ..image_pose.presence import bent, by_hidden, chance_beside, confirmations, crowded, log_mean
-from ..image_pose.settings import DECISIVE, ON_EDGE, OTHERS_EDGES, REACH, SPACING
+from ..image_pose.settings import DECISIVE, DRAWN_IN, ON_EDGE, OTHERS_EDGES, REACH, SPACING
 from ..image_pose.sight import Shape, Sight, look
 from ..image_pose.views import Views
 from ..model.index import ModelIndex
@@ -51,6 +52,7 @@ def likeliest_turns(
     list of Pose
         Best first, those that the images do not tell from it; none where they speak against each turn.
     """
+    pose = _laid_without_turn(shape, axis, pose, views)
     lever = _lever(index, axis)
     coarse = halved_until_small(shape, lever, pose, views)
     poses, within = _turns(index, axis, pose, _pixels(shape, lever, pose, coarse))
@@ -67,6 +69,28 @@ def likeliest_turns(
             return []
         poses, turned = likeliest(poses, glances), likeliest([one for _, one in found], glances)
     return turned
+
+
+def _laid_without_turn(shape: Shape, axis: Axis, pose: Pose, views: Views) -> Pose:
+    """A pose near one, laid on the steps of the curves that a turn about an axis of the model leaves where they are.
+
+    At another turn than the model's the others lie beside their own steps, and whatever they are laid on moves the axis.
+    """
+    motion = as_motion(pose)
+    sight = look(shape, pose, views)
+    steps = searched(sight, views, REACH)
+    moving = _moving(sight.placed, _moves(sight, shape, pose, axis) * np.pi)
+    steps = steps._replace(number=np.where(moving[sight.placed.curve], np.minimum(steps.number, 0), steps.number))
+    laid(shape, motion, views, sight, steps, np.array(DRAWN_IN), elsewhere(steps, REACH))
+    return as_pose(motion)
+
+
+@njit(nogil=True)
+def _moving(placed: Placed, moves: FloatArray) -> BoolArray:
+    """Which curves do not stay where they are, (c,), when points move by so many pixels, (n,)."""
+    out = np.zeros(placed.curve.max() + 1 if len(moves) else 0, np.bool_)
+    out[placed.curve[np.abs(moves) > STILL]] = True
+    return out
 
 
 def likeliest(poses: list[Pose], glances: FloatArray) -> list[Pose]:
@@ -172,9 +196,7 @@ def ratios(placed: Placed, limb: FloatArray, steps: Steps, moves: FloatArray, tu
     found = confirmations(steps.offset, steps.number, 0.0)
     found[silent] = -1
     # Curves that stay where they are need one look.
-    moving = np.zeros(len(is_bent), np.bool_)
-    moving[placed.curve[np.abs(moves) * np.abs(turns).max() > STILL]] = True
-    some = moving[placed.curve]
+    some = _moving(placed, moves * np.abs(turns).max())[placed.curve]
     still = by_hidden(found[~some], placed.group[~some], placed.curve[~some], is_bent, chance)
     offset, number, group, curve = steps.offset[some], steps.number[some], placed.group[some], placed.curve[some]
     out = np.empty(len(turns))
