@@ -25,8 +25,9 @@ from model_matcher.image_pose.sight import look, same_curves
 from model_matcher.image_pose.views import Views
 from model_matcher.model.equal_poses import apart
 from model_matcher.model.problem import make_problem
-from model_matcher.verification.image_evidence import weigh
+from model_matcher.verification.image_evidence import accepted_by_images, weigh
 from msgs_py import BIN, Interpretation, PinholeCamera, Pose, StereoRig
+from msgs_py.numeric.deadline import Deadline
 from stereo_recovery import recover
 
 CAMERA = PinholeCamera.centred(512, 512, 700.0)
@@ -505,6 +506,29 @@ class TestMatching:
         assert len(by_images.outlines) == len(by_images.interpretations)
         assert pose.error_to(by_images.best.pose).rotation_deg < 0.1
         assert by_features.best is None or np.isnan(by_features.best.support)
+
+    def test_an_answer_has_the_evidence_of_the_pose_that_it_names(self):
+        shape, solid, _, views, rig = rendered('plug', 1)
+        result = match(
+            index_model(model_features(solid), 'plug', shape), recover(*views.images, rig).features, views=views
+        )
+        told = presence(shape, result.best.pose, views)
+        assert result.outlines[0].log_ratio == pytest.approx(told.log_ratio, abs=1.0)
+        assert result.best.support == result.outlines[0].support == pytest.approx(told.support, abs=0.05)
+
+    def test_a_pose_that_explains_no_data_is_no_answer(self):
+        """The images show all of it; but what it was thought of for lies elsewhere."""
+        shape, solid, pose, views, rig = rendered('plug', 1)
+        data = recover(*views.images, rig).features
+        index = index_model(model_features(solid), 'plug', shape)
+        far = data.transformed(Pose(np.eye(3), [0.0, 0.0, 3.0 * shape.size]))
+        nothing = np.full(len(data), BIN, np.int32), np.zeros(len(data), np.int8)
+        for seen, accepted in ((data, 1), (far, 0)):
+            problem = make_problem(index, seen, MatchParams())
+            hypothesis = Interpretation('plug', *nothing, pose, evidence=20.0)
+            found = accepted_by_images(problem, shape, [hypothesis], views, 0.0, Deadline())
+            assert len(found.accepted) == accepted
+        assert 'explains none of the data' in found.rejected[0].rejected_reason
 
     # The chip cuts a corner of the far side off; the near one is a rectangle either way round.
     @pytest.mark.parametrize(('turns', 'poses'), [((25.0, 4.0, 185.0), 2), ((25.0, 30.0, 20.0), 1)])

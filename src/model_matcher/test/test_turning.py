@@ -12,7 +12,7 @@ from model_matcher.image_pose.settings import OTHERS_EDGES, REACH, SPACING
 from model_matcher.image_pose.sight import look
 from model_matcher.image_pose.views import Views
 from model_matcher.model.symmetry import Axis
-from model_matcher.verification.turning import best_turn, likeliest_turns, ratios
+from model_matcher.verification.turning import best_turn, laid_without_turn, likeliest_turns, ratios
 from msgs_py import PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.deadline import Deadline
 
@@ -55,6 +55,19 @@ def test_a_turn_is_found_within_reach_and_not_beyond(pulley):
     far, _ = best_turn(shape, start, AXIS, 0.1, views, SPACING)
     assert pose.error_to(turned).rotation_deg < NEAR
     assert near > far + 3.0
+
+
+@pytest.mark.parametrize('degrees', [77.0, 180.0])
+def test_the_axis_is_laid_on_what_no_turn_moves(pulley, degrees):
+    """At a wrong turn the keyway stands beside its steps, or on others' ones."""
+    _, shape, pose, views = pulley
+    start = pose.compose(AXIS.turn(np.radians(degrees)))
+    # Two pixels aside, and a degree.
+    aside = Pose(Pose.from_rotation_vector([0.012, 0.012, 0.0]).rotation @ start.rotation, start.translation + 0.0015)
+    found = laid_without_turn(shape, AXIS, aside, views)
+    off = pose.inverse().compose(found)
+    assert np.linalg.norm(found.translation - pose.translation) < 0.0006
+    assert np.degrees(np.arccos(min(off.rotation[2, 2], 1.0))) < 0.4
 
 
 def test_no_turn_is_the_outline_as_it_is(pulley):

@@ -412,6 +412,8 @@ def _why_rejected(one: Weighed, taken: list[Weighed], claimed: Sequence[Presence
             f'{one.hypothesis.evidence:.1f}, images {one.shown.log_ratio:+.1f} (they confirm {one.shown.support:.0%} '
             f'of the outline), surface {log_ratio(faces):+.1f} ({agree} of {looked} patches of it agree)'
         )
+    if one.hypothesis.matched == 0:
+        return 'the images have it where it explains none of the data that it was made from'
     for other in taken:
         if _shares_data(one.hypothesis, other.hypothesis):
             return (

@@ -52,7 +52,7 @@ def likeliest_turns(
     list of Pose
         Best first, those that the images do not tell from it; none where they speak against each turn.
     """
-    pose = _laid_without_turn(shape, axis, pose, views)
+    pose = laid_without_turn(shape, axis, pose, views)
     lever = _lever(index, axis)
     coarse = halved_until_small(shape, lever, pose, views)
     poses, within = _turns(index, axis, pose, _pixels(shape, lever, pose, coarse))
@@ -71,10 +71,23 @@ def likeliest_turns(
     return turned
 
 
-def _laid_without_turn(shape: Shape, axis: Axis, pose: Pose, views: Views) -> Pose:
+def laid_without_turn(shape: Shape, axis: Axis, pose: Pose, views: Views) -> Pose:
     """A pose near one, laid on the steps of the curves that a turn about an axis of the model leaves where they are.
 
-    At another turn than the model's the others lie beside their own steps, and whatever they are laid on moves the axis.
+    At another turn than the model's the others lie beside their own steps; what they are laid on moves the axis.
+
+    Parameters
+    ----------
+    shape : Shape
+    axis : Axis
+        Model frame.
+    pose : Pose
+        first_T_model, within REACH pixels.
+    views : Views
+
+    Returns
+    -------
+    Pose
     """
     motion = as_motion(pose)
     sight = look(shape, pose, views)
