@@ -306,6 +306,7 @@ def flange() -> ModelIndex:
         (5.0, (0.0, 38.0, 0.0), True),  # a bore at another place of the disc
         (26.0, (-21.0, -2.0, 12.0), False),  # the hub's shadow on the disc
         (50.0, (12.0, -9.0, 0.0), False),  # the disc's shadow on a table
+        (26.0, (17.0, 4.0, 36.0), False),  # the hub's rim, measured wrongly: where it is there is no other
         (38.0, (0.0, 10.0, 12.0), False),  # of a size that the model does not have
     ],
 )

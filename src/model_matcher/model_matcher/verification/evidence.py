@@ -551,7 +551,7 @@ def displaced(
     An unexplained curve that has the radius of a model curve which was not found, and lies beside it, so near that both
     cannot be there, or on a face of the model's hull where there is none, would be one of clutter by chance only; on
     another object that is like the model it is to be expected. But a curve that was found casts a shadow of its radius
-    on faces and tables that are parallel to it.
+    on faces and tables that are parallel to it, and where it is there is no other.
 
     Parameters
     ----------
@@ -580,16 +580,14 @@ def displaced(
         room = data.radius_tolerance + across
         x, y, z = inverse_transform(motion, d[0], d[1], d[2])
         u, v, w = inverse_rotate(motion, d[3], d[4], d[5])
-        if _shadow((x, y, z), (u, v, w), d[7], model, used, (room, across)):
+        if _of_found((x, y, z), (u, v, w), d[7], model, used, (room, across)):
             continue
         on_face = _on_face((x, y, z), (u, v, w), faces, across)
         for j in range(len(used)):
             m = model.rows[j]
             if used[j] or model.kind[j] != CURVE or abs(d[7] - m[7]) > room:
                 continue
-            p, q, r = x - m[0], y - m[1], z - m[2]
-            upright = p * m[3] + q * m[4] + r * m[5]
-            beside = np.sqrt(max(p * p + q * q + r * r - upright * upright, 0.0))
+            upright, beside = _beside((x, y, z), m)
             overlaps = abs(upright) <= across and 2.0 * across < beside < d[7] + m[7]
             overlaps = overlaps and abs(u * m[3] + v * m[4] + w * m[5]) > PARALLEL_COSINE
             elsewhere = on_face and (abs(upright) > 2.0 * across or beside > 2.0 * across)
@@ -600,7 +598,7 @@ def displaced(
 
 
 @njit
-def _shadow(
+def _of_found(
     middle: tuple[float, ...],
     normal: tuple[float, ...],
     radius: float,
@@ -608,7 +606,10 @@ def _shadow(
     used: BoolArray,
     tolerances: tuple[float, float],
 ) -> bool:
-    """Whether a curve may be the shadow of one that was found, by a light far off: as large, in a parallel plane.
+    """Whether a curve may be one that was found: as large, and parallel to it.
+
+    In another plane it is its shadow, by a light far off; in its own, where both cannot be, it is that one, measured
+    wrongly.
 
     middle, normal, radius : of the curve, model frame; tolerances : of its radius, and across
     """
@@ -619,10 +620,18 @@ def _shadow(
             continue
         if abs(normal[0] * m[3] + normal[1] * m[4] + normal[2] * m[5]) < PARALLEL_COSINE:
             continue
-        upright = (middle[0] - m[0]) * m[3] + (middle[1] - m[1]) * m[4] + (middle[2] - m[2]) * m[5]
-        if abs(upright) > 2.0 * across:
+        upright, beside = _beside(middle, m)
+        if abs(upright) > 2.0 * across or beside < radius + m[7]:
             return True
     return False
+
+
+@njit
+def _beside(middle: tuple[float, ...], m: FloatArray) -> tuple[float, float]:
+    """How far a place is from the plane of a curve (9,), with its sign, and from its axis, metres."""
+    x, y, z = middle[0] - m[0], middle[1] - m[1], middle[2] - m[2]
+    upright = x * m[3] + y * m[4] + z * m[5]
+    return upright, np.sqrt(max(x * x + y * y + z * z - upright * upright, 0.0))
 
 
 @njit

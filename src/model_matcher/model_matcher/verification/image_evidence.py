@@ -362,11 +362,20 @@ def _another(problem: Problem, one: Weighed) -> str | None:
     assignment[matched != BIN] = number[matched[matched != BIN]]
     used = np.zeros(len(problem.index), bool)
     used[assignment[assignment != BIN]] = True
+    used[number[_seen_whole(one.shown)]] = True
     faces = regularity(problem.index).faces
     against = displaced(one.motion, problem.model, problem.features, assignment, used, faces)
     if against < DECISIVE:
         return None
     return f'a curve is seen where the model has none ({against:.1f} nats): this is another object like it'
+
+
+def _seen_whole(shown: Presence) -> IntArray:
+    """The features of a model's outline that images confirm where they are, whatever was recovered of them."""
+    asked = (shown.sight.feature >= 0) & (shown.found >= 0)
+    feature = shown.sight.feature[asked]
+    share = np.bincount(feature, shown.found[asked] == 1) / np.maximum(np.bincount(feature), 1)
+    return np.flatnonzero(share > WHOLE)
 
 
 def _rivals(index: ModelIndex, one: Weighed, weighed: Sequence[Weighed]) -> list[Weighed]:
