@@ -6,6 +6,7 @@ import pytest
 from csg_renderer import Light, Scene, SolidOutline, model_features, parse_scene, render_stereo
 from csg_renderer.raycast.sensor import SensorModel, grey
 from model_matcher import index_model
+from model_matcher.geometry.pose_rows import as_pose
 from model_matcher.image_pose.measurement import searched
 from model_matcher.image_pose.presence import bent, chance_beside, confirmations, crowded, log_ratio
 from model_matcher.image_pose.settings import OTHERS_EDGES, REACH, SPACING
@@ -64,7 +65,7 @@ def test_the_axis_is_laid_on_what_no_turn_moves(pulley, degrees):
     start = pose.compose(AXIS.turn(np.radians(degrees)))
     # Two pixels aside, and a degree.
     aside = Pose(Pose.from_rotation_vector([0.012, 0.012, 0.0]).rotation @ start.rotation, start.translation + 0.0015)
-    found = laid_without_turn(shape, AXIS, aside, views)
+    found = as_pose(laid_without_turn(shape, AXIS, aside, views)[0])
     off = pose.inverse().compose(found)
     assert np.linalg.norm(found.translation - pose.translation) < 0.0006
     assert np.degrees(np.arccos(min(off.rotation[2, 2], 1.0))) < 0.4

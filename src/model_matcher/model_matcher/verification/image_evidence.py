@@ -39,7 +39,7 @@ from .evidence import displaced
 from .false_alarms import chance_with_images
 from .refinement import evidence_at
 from .settings import CLAIMED, DRAWN, IMAGE_EVIDENCE, TURNED, WHOLE
-from .turning import halved_until_small, likeliest, likeliest_turns
+from .turning import halved_until_small, laid_without_turn, likeliest, likeliest_turns
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,8 @@ def weigh(
     for spacing in (REACH, SPACING):
         if len(poses) > TURNED and not deadline.passed:
             poses = likeliest(poses, _glances(shape, poses, views, spacing, deadline))
-    return _drawn_in(problem, shape, hypothesis, poses, views, deadline)
+    axis = None if hypothesis.free_turn is None else _free_axis(problem.index, hypothesis)
+    return _drawn_in(problem, shape, hypothesis, poses, views, deadline, axis)
 
 
 def weigh_turned(problem: Problem, shape: Shape, one: Weighed, axis: Axis, views: Views, deadline: Deadline) -> Weighed:
@@ -144,12 +145,21 @@ def weigh_turned(problem: Problem, shape: Shape, one: Weighed, axis: Axis, views
 
 
 def _drawn_in(
-    problem: Problem, shape: Shape, hypothesis: Interpretation, poses: list[Pose], views: Views, deadline: Deadline
+    problem: Problem,
+    shape: Shape,
+    hypothesis: Interpretation,
+    poses: list[Pose],
+    views: Views,
+    deadline: Deadline,
+    axis: Axis | None = None,
 ) -> Weighed:
-    """A hypothesis at that of its first poses of which the images show most."""
+    """A hypothesis at that of its first poses of which the images show most; axis : about which its turn is open."""
 
     def drawn(pose: Pose) -> Weighed:
-        motion, sight = looked_for(shape, pose, views)
+        if axis is None:
+            motion, sight = looked_for(shape, pose, views)
+        else:
+            motion, sight = laid_without_turn(shape, axis, pose, views)
         return Weighed(_at(problem, hypothesis, motion), motion, shown(sight, views)[0])
 
     # The first is drawn in whatever the time.

@@ -52,7 +52,6 @@ def likeliest_turns(
     list of Pose
         Best first, those that the images do not tell from it; none where they speak against each turn.
     """
-    pose = laid_without_turn(shape, axis, pose, views)
     lever = _lever(index, axis)
     coarse = halved_until_small(shape, lever, pose, views)
     poses, within = _turns(index, axis, pose, _pixels(shape, lever, pose, coarse))
@@ -71,7 +70,7 @@ def likeliest_turns(
     return turned
 
 
-def laid_without_turn(shape: Shape, axis: Axis, pose: Pose, views: Views) -> Pose:
+def laid_without_turn(shape: Shape, axis: Axis, pose: Pose, views: Views) -> tuple[FloatArray, Sight]:
     """A pose near one, laid on the steps of the curves that a turn about an axis of the model leaves where they are.
 
     At another turn than the model's the others lie beside their own steps; what they are laid on moves the axis.
@@ -87,7 +86,9 @@ def laid_without_turn(shape: Shape, axis: Axis, pose: Pose, views: Views) -> Pos
 
     Returns
     -------
-    Pose
+    motion : (12,) float64
+    sight : Sight
+        The outline there.
     """
     motion = as_motion(pose)
     sight = look(shape, pose, views)
@@ -95,7 +96,7 @@ def laid_without_turn(shape: Shape, axis: Axis, pose: Pose, views: Views) -> Pos
     moving = _moving(sight.placed, _moves(sight, shape, pose, axis) * np.pi)
     steps = steps._replace(number=np.where(moving[sight.placed.curve], np.minimum(steps.number, 0), steps.number))
     laid(shape, motion, views, sight, steps, np.array(DRAWN_IN), elsewhere(steps, REACH))
-    return as_pose(motion)
+    return motion, look(shape, as_pose(motion), views)
 
 
 @njit(nogil=True)
