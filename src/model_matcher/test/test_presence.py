@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 from csg_renderer import load_scene, model_features, scene_path
 from model_matcher import match
 from model_matcher.closed_form.comparison import best_pose_error
-from model_matcher.verification.acceptance import _share_evidence
+from model_matcher.verification.acceptance import _ranked, _share_evidence
 from model_matcher.verification.refinement import Refined
-from model_matcher.verification.settings import WORST
+from model_matcher.verification.settings import CANDIDATES, WORST
 from msgs_py import FeatureSet, Pose
 
 
@@ -49,6 +49,15 @@ def test_evidence_counts_for_the_pose_that_explains_the_same_data_and_more(data,
     _share_evidence(refined, common)
     assert refined.evidence.argmax() == best
     assert refined.evidence.max() == pytest.approx(max(evidence), abs=0.02)
+
+
+def test_of_many_poses_alike_what_has_more_evidence_than_any_comes_first(monkeypatch):
+    """They are ordered by what they cover of the model; that they are many says nothing against another one."""
+    monkeypatch.setattr('model_matcher.verification.acceptance.covered', lambda problem, motion, assignment: 1.0)
+    alike = [[0, 1, 2, 3]] * (CANDIDATES + 4)
+    refined, _ = candidates([*alike, [5, 6], [7, 8]], [*np.linspace(1.0, 3.0, len(alike)), 9.0, 2.0])
+    assert _ranked(None, refined)[:2] == [len(alike), len(alike) - 1]
+    assert _ranked(None, refined)[-1] == len(alike) + 1
 
 
 @pytest.mark.parametrize('name', ['chipped_block_v1', 'l_shape_v1', 'wedge_v1'])

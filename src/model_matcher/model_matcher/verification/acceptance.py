@@ -167,16 +167,24 @@ def _ranked(problem: Problem, refined: Refined) -> list[int]:
     """The candidates that explain anything, best first: by evidence.
 
     Where a search kept more candidates than usual because many are nearly as good as the best (a grid moved by one
-    period still has something along each of its lines), those under which data covers most of the model come first.
+    period still has something along each of its lines), those under which data covers most of the model come first, but
+    for what has more evidence than any of them.
     """
     distinct, evidence = np.floor(refined.scores), refined.evidence
-    cover = np.zeros(len(distinct))
+    cover, alike = np.zeros(len(distinct)), -np.inf
     if len(distinct) > CANDIDATES:
-        for k in np.flatnonzero((distinct > 0.0) & (distinct >= NEARLY_ALL * distinct.max(initial=0.0))):
+        many = np.flatnonzero((distinct > 0.0) & (distinct >= NEARLY_ALL * distinct.max(initial=0.0)))
+        alike = evidence[many].max(initial=-np.inf)
+        for k in many:
             cover[k] = covered(problem, refined.motions[k], refined.assignments[k])
     step = max(cover.max(initial=0.0) / PLACES, NOT_ZERO)
     # Poses that a symmetry makes equal come in the order of their assignments, whatever search found them.
     return sorted(
         (k for k in range(len(distinct)) if distinct[k] > 0.0),
-        key=lambda k: (-round(float(cover[k]) / step), -round(float(evidence[k]), 3), refined.assignments[k].tolist()),
+        key=lambda k: (
+            evidence[k] <= alike,
+            -round(float(cover[k]) / step),
+            -round(float(evidence[k]), 3),
+            refined.assignments[k].tolist(),
+        ),
     )
