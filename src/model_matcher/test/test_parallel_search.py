@@ -126,6 +126,22 @@ def test_one_rim_of_a_part_with_holes_makes_no_pose():
     assert poses_of(index, index.features.select([0]), False) == []
 
 
+@pytest.mark.parametrize('seed', range(5))
+def test_of_edges_no_pose_is_lost_by_asking_for_whole_ones_first(seed, monkeypatch):
+    index, rng = INDEXES['drilled'], np.random.default_rng(seed)
+    seen = index.features.select(np.flatnonzero(index.features.kind == FeatureKind.EDGE))
+    cut = rng.choice([0.0, 0.4], (len(seen), 1)) * (seen.end - seen.start)
+    data = measured(FeatureSet.from_edges(seen.start + cut, seen.end), random_pose(rng), rng, visible=1.0)
+    whole = poses_of(index, data, True)
+    monkeypatch.setattr(
+        'model_matcher.search.parallel_search.seen_whole',
+        lambda data, model: np.ones((len(data.kind), len(model.kind)), bool),
+    )
+    every = poses_of(index, data, True)
+    assert len(whole) == len(every) > 0
+    assert all(np.array_equal(a.matrix, b.matrix) for a, b in zip(whole, every))
+
+
 def test_the_table_has_all_ordered_parallel_pairs_by_kind_and_distance():
     index = INDEXES['drilled']
     table = index.parallel_pairs
