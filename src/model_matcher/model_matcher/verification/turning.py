@@ -20,9 +20,10 @@ from msgs_py.numeric.typed import BoolArray, FloatArray
 from ..geometry.pose_rows import as_motion, as_pose
 from ..geometry.settings import NOT_ZERO
 from ..image_pose.alignment import Placed, Steps
-from ..image_pose.measurement import elsewhere, laid, searched
+from ..image_pose.measurement import elsewhere, fitted, laid, searched
+from ..image_pose.model_error import FIRST_ERROR, settled
 from ..image_pose.presence import bent, by_hidden, chance_beside, confirmations, crowded, log_mean
-from ..image_pose.settings import DECISIVE, DRAWN_IN, ON_EDGE, OTHERS_EDGES, REACH, SPACING
+from ..image_pose.settings import DECISIVE, DRAWN_IN, FLANK, ON_EDGE, OTHERS_EDGES, REACH, SPACING, TO_ERROR, TONES
 from ..image_pose.sight import Shape, Sight, look
 from ..image_pose.views import Views
 from ..model.index import ModelIndex
@@ -52,6 +53,7 @@ def likeliest_turns(
     list of Pose
         Best first, those that the images do not tell from it; none where they speak against each turn.
     """
+    pose = _measured_without_turn(shape, axis, pose, views)
     lever = _lever(index, axis)
     coarse = halved_until_small(shape, lever, pose, views)
     poses, within = _turns(index, axis, pose, _pixels(shape, lever, pose, coarse))
@@ -92,11 +94,30 @@ def laid_without_turn(shape: Shape, axis: Axis, pose: Pose, views: Views) -> tup
     """
     motion = as_motion(pose)
     sight = look(shape, pose, views)
-    steps = searched(sight, views, REACH)
-    moving = _moving(sight.placed, _moves(sight, shape, pose, axis) * np.pi)
-    steps = steps._replace(number=np.where(moving[sight.placed.curve], np.minimum(steps.number, 0), steps.number))
+    steps = _of_still(searched(sight, views, REACH), sight, shape, pose, axis)
     laid(shape, motion, views, sight, steps, np.array(DRAWN_IN), elsewhere(steps, REACH))
     return motion, look(shape, as_pose(motion), views)
+
+
+def _measured_without_turn(shape: Shape, axis: Axis, pose: Pose, views: Views) -> Pose:
+    """A pose near one, measured by the curves that a turn about an axis of the model leaves where they are.
+
+    The keyway of a pulley is a few pixels large: where it is to be looked for has to be known to less than one.
+    """
+    motion = as_motion(pose)
+    sight = look(shape, pose, views)
+    density = elsewhere(searched(sight, views, FLANK), FLANK)
+    steps = _of_still(fitted(sight, views.coded(max(float(views.tone[0]), TONES[0]))), sight, shape, pose, axis)
+    about = shape.centre, views.rows, sight.placed, steps
+    error = settled(motion.copy(), *about, FIRST_ERROR, density, TO_ERROR)[-1]
+    settled(motion, *about, error, density, TO_ERROR)
+    return as_pose(motion)
+
+
+def _of_still(steps: Steps, sight: Sight, shape: Shape, pose: Pose, axis: Axis) -> Steps:
+    """The steps, but none on curves that a turn about an axis moves."""
+    moving = _moving(sight.placed, _moves(sight, shape, pose, axis) * np.pi)[sight.placed.curve]
+    return steps._replace(number=np.where(moving, np.minimum(steps.number, 0), steps.number))
 
 
 @njit(nogil=True)
