@@ -24,14 +24,15 @@ from .catalogue.candidates import candidates
 from .catalogue.catalogue import Catalogue, open_catalogue
 from .catalogue.settings import FILE_NAME
 from .geometry.line_pairs import rank_pairs
+from .geometry.pose_rows import as_motion
 from .geometry.settings import PARALLEL_SINE
-from .image_pose.measurement import Presence
-from .image_pose.settings import SPACING
+from .image_pose.measurement import Presence, measure_pose
 from .image_pose.surface import Agreement, log_ratio
 from .image_pose.views import Views
 from .interpretation_tree.match import match_by_tree
 from .model.index import ModelIndex, extent_points, index_model, indexed
 from .model.problem import Problem, make_problem, usable
+from .model.regularity import regularity
 from .model.settings import SEARCH_WIDTH
 from .model.symmetry import Axis, distinct_pairs
 from .params import MatchParams, MatchResult, no_match
@@ -43,11 +44,12 @@ from .search.prefilter import prefilter
 from .search.settings import ALL_PAIRED, MOST_CANDIDATES, NEAR, SHARES
 from .settings import LOOKED_AT, MANY_PAIRS, PATIENCE, PERIODIC
 from .verification.acceptance import accept
+from .verification.evidence import displaced
 from .verification.false_alarms import needed_evidence, needed_with_images
 from .verification.image_evidence import accepted_by_images, compete
 from .verification.refinement import Refined, refine_all
 from .verification.settings import CANDIDATES
-from .verification.turning import best_turn
+from .verification.turning import likeliest_turns
 
 # What has been compiled: for features, images, an index.
 _warm: set[str] = set()
@@ -510,6 +512,7 @@ def compile_steps(
         problem = make_problem(indexed(model, 'model'), model, wanted)
         none, state = Candidates(np.zeros((1, 12)), np.zeros(1)), np.zeros(4, np.int64)
         _side_by_side(problem, (0, 1), (PATIENCE.least, PATIENCE.most), lambda *_: None, none, state)
+        search_all_parallel(problem, True, none, Deadline())
 
     steps = [CompileStep('search by pairs of features', lambda: with_params(MatchParams()))]
     if asked != MatchParams():
@@ -552,10 +555,20 @@ def _find_in_image() -> None:
     data = FeatureSet.concatenate([index.features.transformed(pose) for pose in poses])
     views = Views(list(pictures), [camera] * 2, stands)
     survey([index], data, MatchParams(false_alarm_rate=1.0), views)
-    # Noise has no patches that tell where they are.
+    # Noise has no patches that tell where they are, and shows more or less of a pose: what follows may not be reached.
     log_ratio((Agreement(1, 2),))
     outline = SolidOutline(solid)
-    best_turn(outline, poses[0], Axis(np.zeros(3), np.array([0.0, 0.0, 1.0])), 0.1, views, SPACING)
+    measure_pose(outline, poses[0], views)
+    likeliest_turns(index, outline, Axis(np.zeros(3), np.array([0.0, 0.0, 1.0])), poses[0], views, Deadline())
+    problem = make_problem(index, data, MatchParams())
+    displaced(
+        as_motion(poses[0]),
+        problem.model,
+        problem.features,
+        np.full(len(data), BIN, np.int32),
+        np.zeros(len(index), bool),
+        regularity(index).faces,
+    )
 
 
 def warm_up(
