@@ -372,7 +372,7 @@ def _another(problem: Problem, one: Weighed) -> str | None:
     assignment[matched != BIN] = number[matched[matched != BIN]]
     used = np.zeros(len(problem.index), bool)
     used[assignment[assignment != BIN]] = True
-    used[number[_seen_whole(one.shown)]] = True
+    used |= np.isin(problem.index.source, _seen_whole(one.shown))
     faces = regularity(problem.index).faces
     against = displaced(one.motion, problem.model, problem.features, assignment, used, faces)
     if against < DECISIVE:
