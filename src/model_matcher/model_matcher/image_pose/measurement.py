@@ -164,7 +164,7 @@ def _draw_in(shape: Shape, motion: FloatArray, views: Views, sight: Sight) -> No
     laid(shape, motion, views, sight, steps, np.array(DRAWN_IN), elsewhere(steps, REACH))
 
 
-class _Laid(NamedTuple):
+class Laid(NamedTuple):
     """A pose (12,) laid on fitted steps; the rest as :func:`settled` returns it."""
 
     motion: FloatArray
@@ -204,15 +204,19 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
     return ImagePose(pose, covariance, there, laid_on.residual, laid_on.weight, laid_on.error)
 
 
-def _laid_on_fitted(shape: Shape, motion: FloatArray, views: Views, sight: Sight, density: float) -> _Laid:
+def _laid_on_fitted(shape: Shape, motion: FloatArray, views: Views, sight: Sight, density: float) -> Laid:
     """A pose near (12,), with the tone curve of the views; density : see :func:`elsewhere`."""
-    steps = own_steps(fitted(sight, views), sight, motion, views)
+    return laid_on_steps(shape, motion, views, sight, own_steps(fitted(sight, views), sight, motion, views), density)
+
+
+def laid_on_steps(shape: Shape, motion: FloatArray, views: Views, sight: Sight, steps: Steps, density: float) -> Laid:
+    """A pose near (12,), laid on fitted steps; density : see :func:`elsewhere`."""
     # While the outline may be off by much, a turn that little tells of goes after whatever runs beside its edges: the
     # pose is laid anew once it is known by how little.
     about = shape.centre, views.rows, sight.placed, steps
     error = settled(motion.copy(), *about, FIRST_ERROR, density, TO_ERROR)[-1]
     motion = motion.copy()
-    return _Laid(motion, *settled(motion, *about, error, density, TO_ERROR))
+    return Laid(motion, *settled(motion, *about, error, density, TO_ERROR))
 
 
 def presence(shape: Shape, pose: Pose, views: Views, spacing: float = SPACING) -> Presence:

@@ -20,10 +20,9 @@ from msgs_py.numeric.typed import BoolArray, FloatArray
 from ..geometry.pose_rows import as_motion, as_pose
 from ..geometry.settings import NOT_ZERO
 from ..image_pose.alignment import Placed, Steps
-from ..image_pose.measurement import elsewhere, fitted, laid, searched
-from ..image_pose.model_error import FIRST_ERROR, settled
+from ..image_pose.measurement import elsewhere, fitted, laid, laid_on_steps, searched
 from ..image_pose.presence import bent, by_hidden, chance_beside, confirmations, crowded, log_mean
-from ..image_pose.settings import DECISIVE, DRAWN_IN, FLANK, ON_EDGE, OTHERS_EDGES, REACH, SPACING, TO_ERROR, TONES
+from ..image_pose.settings import DECISIVE, DRAWN_IN, FLANK, ON_EDGE, OTHERS_EDGES, REACH, SPACING, TONES
 from ..image_pose.sight import Shape, Sight, look
 from ..image_pose.views import Views
 from ..model.index import ModelIndex
@@ -104,14 +103,10 @@ def _measured_without_turn(shape: Shape, axis: Axis, pose: Pose, views: Views) -
 
     The keyway of a pulley is a few pixels large: where it is to be looked for has to be known to less than one.
     """
-    motion = as_motion(pose)
     sight = look(shape, pose, views)
     density = elsewhere(searched(sight, views, FLANK), FLANK)
     steps = _of_still(fitted(sight, views.coded(max(float(views.tone[0]), TONES[0]))), sight, shape, pose, axis)
-    about = shape.centre, views.rows, sight.placed, steps
-    error = settled(motion.copy(), *about, FIRST_ERROR, density, TO_ERROR)[-1]
-    settled(motion, *about, error, density, TO_ERROR)
-    return as_pose(motion)
+    return as_pose(laid_on_steps(shape, as_motion(pose), views, sight, steps, density).motion)
 
 
 def _of_still(steps: Steps, sight: Sight, shape: Shape, pose: Pose, axis: Axis) -> Steps:
