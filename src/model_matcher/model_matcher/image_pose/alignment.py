@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import FloatArray, Int32Array
+from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array
 
 from ..geometry.least_squares import damp, solve6
 from ..geometry.rigid_motion import compose_small, transform
@@ -66,6 +66,10 @@ class Steps(NamedTuple):
     number: Int32Array
     variance: FloatArray
     rise: FloatArray
+
+    def without(self, points: BoolArray) -> Steps:
+        """The steps, but none at some points (n,)."""
+        return self._replace(number=np.where(points, np.minimum(self.number, 0), self.number))
 
 
 @njit(nogil=True)

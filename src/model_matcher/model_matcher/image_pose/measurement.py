@@ -326,8 +326,7 @@ def own_steps(steps: Steps, sight: Sight, motion: FloatArray, views: Views) -> S
 
     Of two edges that blur into one, or of one that is hidden by now, a fit makes two as well as it can.
     """
-    hides = may_hide(sight.placed, motion, views.rows)
-    return steps._replace(number=np.where(hides, np.minimum(steps.number, 0), steps.number))
+    return steps.without(may_hide(sight.placed, motion, views.rows))
 
 
 def laid(

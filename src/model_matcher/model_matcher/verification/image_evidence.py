@@ -370,9 +370,7 @@ def _another(problem: Problem, one: Weighed) -> str | None:
     number[problem.index.source] = np.arange(len(problem.index))
     matched = one.hypothesis.assignment[problem.keep]
     assignment[matched != BIN] = number[matched[matched != BIN]]
-    used = np.zeros(len(problem.index), bool)
-    used[assignment[assignment != BIN]] = True
-    used |= np.isin(problem.index.source, _seen_whole(one.shown))
+    used = np.isin(problem.index.source, np.concatenate([_matched(one.hypothesis), _seen_whole(one.shown)]))
     faces = regularity(problem.index).faces
     against = displaced(one.motion, problem.model, problem.features, assignment, used, faces)
     if against < DECISIVE:

@@ -105,14 +105,15 @@ def _measured_without_turn(shape: Shape, axis: Axis, pose: Pose, views: Views) -
     """
     sight = look(shape, pose, views)
     density = elsewhere(searched(sight, views, FLANK), FLANK)
-    steps = _of_still(fitted(sight, views.coded(max(float(views.tone[0]), TONES[0]))), sight, shape, pose, axis)
+    # What the images are like is told by what is accepted: until then this fit keeps to itself what it takes them for.
+    told = views if views.tone[0] > 0.0 else views.coded(TONES[0])
+    steps = _of_still(fitted(sight, told), sight, shape, pose, axis)
     return as_pose(laid_on_steps(shape, as_motion(pose), views, sight, steps, density).motion)
 
 
 def _of_still(steps: Steps, sight: Sight, shape: Shape, pose: Pose, axis: Axis) -> Steps:
     """The steps, but none on curves that a turn about an axis moves."""
-    moving = _moving(sight.placed, _moves(sight, shape, pose, axis) * np.pi)[sight.placed.curve]
-    return steps._replace(number=np.where(moving, np.minimum(steps.number, 0), steps.number))
+    return steps.without(_moving(sight.placed, _moves(sight, shape, pose, axis) * np.pi)[sight.placed.curve])
 
 
 @njit(nogil=True)
