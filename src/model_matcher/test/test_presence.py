@@ -51,6 +51,12 @@ def test_evidence_counts_for_the_pose_that_explains_the_same_data_and_more(data,
     assert refined.evidence.max() == pytest.approx(max(evidence), abs=0.02)
 
 
+def test_what_explains_nothing_says_nothing_of_others():
+    refined, common = candidates([[0, 1, 2, 3], [4, 5, 6], []], [-2.0, -1.0, 0.0])
+    _share_evidence(refined, common)
+    assert refined.evidence.tolist() == [-2.0, -1.0, 0.0]
+
+
 def test_of_many_poses_alike_what_has_more_evidence_than_any_comes_first(monkeypatch):
     """They are ordered by what they cover of the model; that they are many says nothing against another one."""
     monkeypatch.setattr('model_matcher.verification.acceptance.covered', lambda problem, motion, assignment: 1.0)

@@ -146,12 +146,13 @@ def _share_evidence(refined: Refined, common: np.ndarray) -> None:
 
     A pose that explains part of a model's own data by the model's likeness to itself can be the less probable accident
     of the two: it was not free to explain the rest. That the model is there is then as sure, and the pose that explains
-    more is where. common : (c, c) int, data that two candidates share
+    more is where. One that explains nothing says nothing of others. common : (c, c) int, data that two candidates share
     """
     distinct, evidence = np.floor(refined.scores), refined.evidence
     further = np.minimum(distinct[:, None] - distinct, FURTHER)
     more = (
         (further > 0.0)
+        & (distinct > 0.0)
         & (common >= NEARLY_ALL * common.diagonal())
         & (evidence[:, None] < evidence)
         & (evidence[:, None] > evidence - WORST * further)
