@@ -186,7 +186,7 @@ def _match_hypotheses(
     needed = needed_evidence(problem, params)
     if views is not None and index.shape is not None:
         many = params.replace(max_interpretations=max(params.max_interpretations, LOOKED_AT))
-        hypotheses = [one for part in accept(problem, refined, many) for one in part][:LOOKED_AT]
+        hypotheses = [one for part in accept(problem, refined, many, LOOKED_AT) for one in part]
         needed = needed_with_images(params)
         looked = accepted_by_images(problem, index.shape, hypotheses, views, needed, deadline, claimed)
         most = params.max_interpretations

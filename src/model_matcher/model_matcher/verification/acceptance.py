@@ -43,7 +43,7 @@ class _Groups(NamedTuple):
 
 
 def accept(
-    problem: Problem, refined: Refined, params: MatchParams
+    problem: Problem, refined: Refined, params: MatchParams, most: int | None = None
 ) -> tuple[tuple[Interpretation, ...], tuple[Interpretation, ...]]:
     """Make interpretations of refined candidates.
 
@@ -55,6 +55,8 @@ def accept(
         The candidates; their evidence is changed in place.
     params : MatchParams
         Of the match.
+    most : int, optional
+        Both together are no more than so many, the accepted ones first.
 
     Returns
     -------
@@ -79,6 +81,9 @@ def accept(
         if len(target) < params.max_interpretations:
             target.append(k)
             reasons[k] = reason
+    if most is not None:
+        accepted = accepted[:most]
+        rejected = rejected[: most - len(accepted)]
     chosen = [t for k in accepted + rejected for t in (k, *groups.equivalent.get(k, []))]
     parts = refined.motions[chosen], refined.assignments[chosen], refined.signs[chosen]
     by_sight = np.full(len(chosen), params.scale == 'known')

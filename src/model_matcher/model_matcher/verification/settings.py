@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 # -- candidates and their refinement ---------------------------------------------------------------------------------
 
-# Candidate poses that a search keeps, and that are refined; more where many are nearly as good as the best. Of a part of
-# which little is seen others explain as many features by chance, and their evidence says which are right: with half as
-# many three of 340 right ones were lost.
+# Candidate poses that a search keeps, and that are refined; more where many are nearly as good as the best. Where
+# little of a part is seen others explain as many features by chance, and only their evidence says which are right: with
+# half as many candidates three of 340 right ones were lost.
 CANDIDATES = 32
 # Candidates within this part of the best score are refined, and all of them where that leaves doubt: one feature that
 # belongs to another thing must not keep the right pose from being looked at.
