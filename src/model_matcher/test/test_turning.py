@@ -5,14 +5,15 @@ import pytest
 
 from csg_renderer import Light, Scene, SolidOutline, model_features, parse_scene, render_stereo
 from csg_renderer.raycast.sensor import SensorModel, grey
-from model_matcher import index_model
+from model_matcher import index_model, match
 from model_matcher.geometry.pose_rows import as_pose
 from model_matcher.image_pose.measurement import searched
 from model_matcher.image_pose.presence import bent, chance_beside, confirmations, crowded, log_ratio
 from model_matcher.image_pose.settings import OTHERS_EDGES, REACH, SPACING
 from model_matcher.image_pose.sight import look
 from model_matcher.image_pose.views import Views
-from model_matcher.model.symmetry import Axis
+from model_matcher.model.symmetry import Axis, about_axis
+from model_matcher.verification import image_evidence
 from model_matcher.verification.turning import best_turn, laid_without_turn, likeliest_turns, ratios
 from msgs_py import PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.deadline import Deadline
@@ -69,6 +70,19 @@ def test_the_axis_is_laid_on_what_no_turn_moves(pulley, degrees):
     off = pose.inverse().compose(found)
     assert np.linalg.norm(found.translation - pose.translation) < 0.0006
     assert np.degrees(np.arccos(min(off.rotation[2, 2], 1.0))) < 0.4
+
+
+@pytest.mark.parametrize(('aside', 'looks'), [(0.0, 1), (0.08, 0)])
+def test_no_turn_is_looked_for_of_what_is_not_there(pulley, monkeypatch, aside, looks):
+    """Rims leave a turn free; where the images show none of them, no turn would make them."""
+    index, shape, pose, views = pulley
+    index = index_model(index.features, 'pulley', shape)
+    rims = index.features.select(np.flatnonzero(~np.isnan(index.rows[:, 7]) & about_axis(index.rows, AXIS, index.size)))
+    calls, own = [], image_evidence.weigh_turned
+    monkeypatch.setattr(image_evidence, 'weigh_turned', lambda *given: calls.append(given) or own(*given))
+    result = match(index, rims.transformed(Pose(pose.rotation, pose.translation - [aside, 0.0, 0.0])), views=views)
+    assert len(calls) == looks
+    assert len(result.interpretations) == looks
 
 
 def test_no_turn_is_the_outline_as_it_is(pulley):

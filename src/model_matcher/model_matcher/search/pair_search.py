@@ -42,7 +42,7 @@ def kept(scores: FloatArray) -> int:
     Examples
     --------
     >>> kept(np.linspace(20.0, 1.0, 64)), kept(np.full(64, 20.0))
-    (16, 64)
+    (32, 64)
     """
     few = min(CANDIDATES, len(scores))
     return few if np.floor(scores[few - 1]) < NEARLY_ALL * np.floor(scores[0]) else len(scores)
