@@ -334,8 +334,8 @@ def _with_turns(
 ) -> list[Weighed]:
     """The hypotheses, the best of those that leave a turn free at the turn that the images show most of.
 
-    What is round has its edges at any turn: one that another holds, of ``claimed``, has no turn to be looked for, nor has
-    one that features and images together speak against.
+    What is round has its edges at any turn: one that another holds, of ``claimed``, has no turn to be looked for, nor
+    has one that features and images together speak against.
     """
     weighed = sorted(weighed, key=lambda one: -one.evidence)
     open_ones = [k for k, one in enumerate(weighed) if one.hypothesis.free_turn is not None and one.evidence > 0.0]
