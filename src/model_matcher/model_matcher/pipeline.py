@@ -185,8 +185,7 @@ def _match_hypotheses(
     outlines: tuple[Presence, ...] = ()
     needed = needed_evidence(problem, params)
     if views is not None and index.shape is not None:
-        many = params.replace(max_interpretations=max(params.max_interpretations, LOOKED_AT))
-        hypotheses = [one for part in accept(problem, refined, many, LOOKED_AT) for one in part]
+        hypotheses = [one for part in accept(problem, refined, params, LOOKED_AT) for one in part]
         needed = needed_with_images(params)
         looked = accepted_by_images(problem, index.shape, hypotheses, views, needed, deadline, claimed)
         most = params.max_interpretations

@@ -56,12 +56,12 @@ def accept(
     params : MatchParams
         Of the match.
     most : int, optional
-        Both together are no more than so many, the accepted ones first.
+        How many to make of both together, the accepted ones first; default: params.max_interpretations of each.
 
     Returns
     -------
     tuple of tuple of Interpretation
-        The accepted and the rejected ones, at most params.max_interpretations of each, best first.
+        The accepted and the rejected ones, best first.
     """
     matched = (refined.assignments != BIN).astype(np.float32)
     common = (matched @ matched.T).astype(int)
@@ -71,18 +71,18 @@ def accept(
     accepted: list[int] = []
     rejected: list[int] = []
     reasons: dict[int, str | None] = {}
+    of_each = params.max_interpretations if most is None else most
     for k in order:
-        if len(accepted) == len(rejected) == params.max_interpretations:
+        if len(accepted) == len(rejected) == of_each:
             break
         if k in groups.repeated:
             continue
         reason = _why_rejected(problem, refined, params, k, int(common[k, k]), groups.competitors.get(k))
         target = accepted if reason is None else rejected
-        if len(target) < params.max_interpretations:
+        if len(target) < of_each:
             target.append(k)
             reasons[k] = reason
     if most is not None:
-        accepted = accepted[:most]
         rejected = rejected[: most - len(accepted)]
     chosen = [t for k in accepted + rejected for t in (k, *groups.equivalent.get(k, []))]
     parts = refined.motions[chosen], refined.assignments[chosen], refined.signs[chosen]
