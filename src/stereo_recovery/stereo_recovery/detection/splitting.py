@@ -22,6 +22,7 @@ from .settings import (
     LEAST_EDGELS,
     LEAST_LOCALISATION_NOISE,
     LINE_GATE,
+    ON_LINE,
     SEGMENT_EXCESS,
     SHORT_PART,
     STRAIGHTNESS_SHARE,
@@ -127,7 +128,7 @@ def join_collinear(e: Edgels, segments: Segments, sigma: float, tolerance: float
     segments : Segments
     """
     straight = np.flatnonzero(segments.arc < 0)
-    found = splitting_kernels.continuations(segments.select(straight).lines, STRAIGHTNESS_SHARE * tolerance)
+    found = splitting_kernels.continuations(segments.select(straight).lines, STRAIGHTNESS_SHARE * tolerance, ON_LINE)
     successor = np.full(len(segments), -1)
     successor[straight[found >= 0]] = straight[found[found >= 0]]
     head, place = splitting_kernels.runs_of(successor)

@@ -18,7 +18,6 @@ from .settings import (
     LEAST_CHORD,
     LEAST_EDGELS,
     OFFSET_COST,
-    ON_LINE,
     SHORTEST_JOINED,
     SHORTEST_MOVED,
     TURN_COSINE,
@@ -143,7 +142,7 @@ def split(
 
 
 @njit(nogil=True)
-def continuations(lines: Lines, straightness: float) -> Int32Array:
+def continuations(lines: Lines, straightness: float, widest: float) -> Int32Array:
     """Which segment continues each one on the same straight line; no two are continued by the same.
 
     Parameters
@@ -152,6 +151,8 @@ def continuations(lines: Lines, straightness: float) -> Int32Array:
         Of n segments.
     straightness : float
         Pixels. Offset of real edges from a line.
+    widest : float
+        Pixels. Between two lines that pass for one.
 
     Returns
     -------
@@ -193,7 +194,7 @@ def continuations(lines: Lines, straightness: float) -> Int32Array:
             mx, my = point_at(lines, i, si)
             off = offset_of(lines, k, mx, my)
             variance = variance_at(lines, i, si) + variance_at(lines, k, sk) + straightness * straightness
-            if off * off > min(BOUND_SIGMA * BOUND_SIGMA * variance, ON_LINE * ON_LINE):
+            if off * off > min(BOUND_SIGMA * BOUND_SIGMA * variance, widest * widest):
                 continue
             cost = abs(gap) + OFFSET_COST * abs(off)
             if cost < price[i]:

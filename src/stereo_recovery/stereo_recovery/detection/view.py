@@ -28,6 +28,7 @@ from .settings import (
     TOLERANCE_NOISE,
 )
 from .splitting import localisation_noise, split
+from .tone import in_light
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +43,7 @@ class View:
     segments : Segments
         Straight segments and parts of arcs.
     ellipses : list of Ellipse
-        Of the arcs.
+        Of the arcs, in the picture's code: fits of curves begin with them.
     """
 
     grey: Float32Array
@@ -92,6 +93,7 @@ def detect_view(grey: Float32Array, detector: str, sigma: float, low: float, hig
     tolerance = float(np.clip(TOLERANCE_NOISE * localisation_noise(chains), LEAST_TOLERANCE, MOST_TOLERANCE))
     ordered, segments, ellipses = split(chains, tolerance, sigma)
     ordered, segments = grown(ordered, segments, slopes, sigma, tolerance, border)
+    ordered, segments = in_light(grey, ordered, segments, sigma)
     return View(grey, ordered, segments, ellipses)
 
 
