@@ -234,15 +234,16 @@ def search_pairs(
         a, b = pairs[p, 0], pairs[p, 1]
         window = pair_window(data, a, b)
         before = state[1]
+        hypotheses = matching_pairs(data, model, table, a, b, window, found)
         # With little data all of it is looked at; otherwise what is near enough, gathered when it is needed first.
         n_around = -1 if local else n
-        pair_frame(data.rows, a, window.foot_a, b, window.flip, window.foot_b, data_pair)
         count = 0
-        if local:
-            _partners_of_both(partners, a, b, p, entered, near.features)
-            count = into_frame(a, b, data_pair, data, near.features, widen, model.voxels.per_metre, near)
+        if hypotheses:
+            pair_frame(data.rows, a, window.foot_a, b, window.flip, window.foot_b, data_pair)
+            if local:
+                _partners_of_both(partners, a, b, p, entered, near.features)
+                count = into_frame(a, b, data_pair, data, near.features, widen, model.voxels.per_metre, near)
         placed = -1
-        hypotheses = matching_pairs(data, model, table, a, b, window, found)
         # Poses nearer to one another than what the pair itself may be off are one: the first is looked at.
         step = min(data.tolerances[a, 0], data.tolerances[b, 0])
         for hypothesis in range(hypotheses):
