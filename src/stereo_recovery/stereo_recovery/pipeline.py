@@ -21,7 +21,7 @@ from .curves.axes import axis_features
 from .curves.curve import Curve, CurveShape, curve_features
 from .curves.curved_shapes import CurvedShapes, recover_curved_shapes
 from .curves.observations import StereoEdgels
-from .curves.occluding_contours import on_contours
+from .curves.occluding_contours import contours_of, on_contours
 from .curves.orientation import oriented_by_faces
 from .detection.conics import sampson
 from .detection.edgel_kernels import position_factor
@@ -386,8 +386,9 @@ def _straight_lines(
 
     Occluding contours are left out, and ends that a curved surface hides count as T-junctions: neither gives depth.
     """
-    matches = seen.matches.select(~on_contours(seen.index, seen.segments, shapes.surfaces, beside.rig))
-    junctions = hidden_ends(matches, seen.segments, seen.junctions, shapes.curves, shapes.surfaces, beside.rig)
+    contours = contours_of(shapes.surfaces, seen.segments, beside.rig)
+    matches = seen.matches.select(~on_contours(seen.index, contours))
+    junctions = hidden_ends(matches, seen.segments, seen.junctions, shapes.curves, contours, beside.rig)
     return edges(replace(seen, matches=matches, junctions=junctions), beside)
 
 

@@ -18,7 +18,7 @@ from stereo_recovery.curves.curve import Curve, camera_views, curve_features, fl
 from stereo_recovery.curves.curved_shapes import distinct
 from stereo_recovery.curves.fit import refine
 from stereo_recovery.curves.observations import StereoEdgels
-from stereo_recovery.curves.occluding_contours import CurvedSurface, on_contours, tangents
+from stereo_recovery.curves.occluding_contours import CurvedSurface, contours_of, on_contours, tangents
 from stereo_recovery.curves.orientation import oriented_by_faces
 from stereo_recovery.curves.start_kernels import back_projected, circles_of_ellipse
 from stereo_recovery.detection.chains import chains_of
@@ -263,7 +263,7 @@ def test_contours_of_a_rims_surface_are_no_edges(moved, is_contour):
         shift = 0.4 * side.length[:, None]
         segments.append(replace(side, centre=side.centre + shift * side.direction, extent=side.extent - shift))
     first = np.zeros(1, np.int32)
-    found = on_contours((first, first), (segments[0], segments[1]), [CurvedSurface.cylinder(rim)], RIG)
+    found = on_contours((first, first), contours_of([CurvedSurface.cylinder(rim)], (segments[0], segments[1]), RIG))
     assert list(found) == [is_contour]
 
 
@@ -494,9 +494,9 @@ def _edge(low, high) -> tuple[Matches, tuple[Segments, Segments]]:
 
 def _hidden(true: Curve, low, high) -> np.ndarray:
     matches, segments = _edge(low, high)
-    surfaces = [CurvedSurface.cylinder(true)]
+    contours = contours_of([CurvedSurface.cylinder(true)], segments, RIG)
     junctions = hidden_ends(
-        matches, segments, (find_junctions(segments[0]), find_junctions(segments[1])), [true], surfaces, RIG
+        matches, segments, (find_junctions(segments[0]), find_junctions(segments[1])), [true], contours, RIG
     )
     return junctions[0].t_junction[0]
 
@@ -535,14 +535,9 @@ def test_an_edge_that_stops_at_an_contour_has_no_corner_there():
     out = np.sign(middle - 0.5 * (contour[1][0] + contour[1][1]))
     segments = segments_of([*contour, [middle, middle + 60.0 * np.array([out[0], 0.05])]])
     none = Matches(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
-    junctions = hidden_ends(
-        none,
-        (segments, segments_of([])),
-        (find_junctions(segments), find_junctions(segments_of([]))),
-        [rim],
-        [CurvedSurface.cylinder(rim)],
-        RIG,
-    )
+    both = segments, segments_of([])
+    contours = contours_of([CurvedSurface.cylinder(rim)], both, RIG)
+    junctions = hidden_ends(none, both, (find_junctions(both[0]), find_junctions(both[1])), [rim], contours, RIG)
     assert junctions[0].t_junction[2].tolist() == [True, False]
 
 
@@ -552,4 +547,4 @@ def test_a_rim_that_reaches_behind_the_camera_has_no_contours():
     rim = curve([0.01, 0.0, 0.01], [0.0, -1.0, -0.1])
     _, segments = _edge([0.0, 0.0, 0.2], [0.01, 0.02, 0.25])
     first = np.array([0])
-    assert not on_contours((first, first), segments, [CurvedSurface.cylinder(rim)], RIG).any()
+    assert not on_contours((first, first), contours_of([CurvedSurface.cylinder(rim)], segments, RIG)).any()

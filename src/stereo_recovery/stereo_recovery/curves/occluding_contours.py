@@ -8,6 +8,7 @@ cameras see different points of the surface there.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -291,11 +292,18 @@ def longest_contours(
     )
 
 
+def contours_of(
+    surfaces: Sequence[CurvedSurface], segments: tuple[Segments, Segments], rig: StereoRig
+) -> list[tuple[Int8Array, Int8Array]]:
+    """For each surface, which segments of the left and of the right image show its contours: :func:`contour_sides`."""
+    left, right = camera_views(rig)
+    return [
+        (contour_sides(surface, segments[0], left), contour_sides(surface, segments[1], right)) for surface in surfaces
+    ]
+
+
 def on_contours(
-    indices: tuple[IntArray | Int32Array, IntArray | Int32Array],
-    segments: tuple[Segments, Segments],
-    surfaces: list[CurvedSurface],
-    rig: StereoRig,
+    indices: tuple[IntArray | Int32Array, IntArray | Int32Array], contours: Sequence[tuple[Int8Array, Int8Array]]
 ) -> BoolArray:
     """Matched segments that show an occluding contour, in both images or beyond doubt in one.
 
@@ -303,21 +311,15 @@ def on_contours(
     ----------
     indices : ((n,) int, (n,) int)
         The matched segments, left and right.
-    segments : (Segments, Segments)
-        Of the two images.
-    surfaces : list of CurvedSurface
-        Left optical frame.
-    rig : StereoRig
-        The cameras.
+    contours : sequence of pairs of (m,) int8
+        Of all segments, as of :func:`contours_of`.
 
     Returns
     -------
     (n,) bool
     """
     result = np.zeros(len(indices[0]), bool)
-    for surface in surfaces:
-        left, right = (
-            contour_sides(surface, side, view)[index] for side, view, index in zip(segments, camera_views(rig), indices)
-        )
-        result |= (left != 0) & (left == right)
+    for left, right in contours:
+        here, there = left[indices[0]], right[indices[1]]
+        result |= (here != 0) & (here == there)
     return result

@@ -12,10 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from msgs_py import StereoRig
-from msgs_py.numeric.typed import AnyArray
+from msgs_py.numeric.typed import AnyArray, Int8Array
 
 from ..curves.curve import CameraView, Curve, angles, camera_views, image_conic
-from ..curves.occluding_contours import CurvedSurface, contour_sides
 from ..detection.conics import sampson
 from ..detection.junctions import Junctions
 from ..detection.segments import Segments
@@ -35,15 +34,15 @@ def hidden_ends(
     segments: tuple[Segments, Segments],
     junctions: tuple[Junctions, Junctions],
     curves: Sequence[Curve],
-    surfaces: Sequence[CurvedSurface],
+    contours: Sequence[tuple[Int8Array, Int8Array]],
     rig: StereoRig,
 ) -> tuple[Junctions, Junctions]:
     """The corners of both images, those that are none marked as ``through``.
 
-    matches, segments, junctions : of the pair; curves : its planar curves; surfaces : the curved surfaces that they may
-    bound.
+    matches, segments, junctions : of the pair; curves : its planar curves; contours : which segments show the contours
+    of the surfaces that these may bound, as of :func:`.occluding_contours.contours_of`.
     """
-    if not surfaces and not curves:
+    if not contours and not curves:
         return junctions
     result = []
     pairs = (matches.left, matches.right)
@@ -52,8 +51,8 @@ def hidden_ends(
         places = own.centre[:, None] + found.abscissa[..., None] * own.direction[:, None]
         hidden = np.zeros(places.shape[:2], bool)
         of_surface = np.zeros(len(own), bool)
-        for surface in surfaces:
-            of_surface |= contour_sides(surface, own, view) != 0
+        for both in contours:
+            of_surface |= both[side] != 0
         for k in np.flatnonzero(of_surface):
             away = places - own.centre[k]
             along = away @ own.direction[k]
