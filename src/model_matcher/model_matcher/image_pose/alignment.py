@@ -72,6 +72,21 @@ class Steps(NamedTuple):
         return self._replace(number=np.where(points, np.minimum(self.number, 0), self.number))
 
 
+class Prior(NamedTuple):
+    """What is known of a pose beforehand.
+
+    Attributes
+    ----------
+    information : (6, 6) float64
+        On its turn, about the middle of the model, and shift; zeros where nothing is known.
+    moved : (6,) float64
+        How far the pose is from where it is believed to be: changed in place with the pose.
+    """
+
+    information: FloatArray
+    moved: FloatArray
+
+
 @njit(nogil=True)
 def displacement(motion: FloatArray, cameras: FloatArray, placed: Placed, k: int) -> float:
     """How far point k has moved along its normal, pixels; not a number behind its camera."""
@@ -98,7 +113,7 @@ def align(
     widths: FloatArray,
     elsewhere: float,
     common: tuple[float, float],
-    prior: FloatArray,
+    prior: Prior,
     residual: FloatArray,
     weight: FloatArray,
     normal: FloatArray,
@@ -125,15 +140,16 @@ def align(
         A pixel: density of steps that are not the point's, over the chance that a point has its own.
     common : tuple of float
         Pixels, sigmas of either unknown of the line of a curve in all views, and of that in one view.
-    prior : (6, 6) float64
-        Information beforehand on turn and shift from the given pose; zeros where there is none.
+    prior : Prior
+        Of the pose.
     residual, weight : (n,) float64
         Filled with what remains (not a number without step) and what it counts: the chance that the step is the
         point's, over its variance.
     normal : (6, 6) float64
         Filled with the normal matrix, turn and shift, about the middle; the prior is not in it.
     """
-    right, step, centre, moved = np.zeros(6), np.zeros(6), np.zeros(3), np.zeros(6)
+    right, step, centre = np.zeros(6), np.zeros(6), np.zeros(3)
+    information, moved = prior
     n, with_lines = len(placed.eye), common[0] > 0.0 or common[1] > 0.0
     of_group = np.empty((placed.group.max() + 1 if n else 0, 2, 9))
     of_curve = np.empty((placed.curve.max() + 1 if n else 0, 2, 9))
@@ -176,10 +192,10 @@ def align(
                 normal[j, i] = normal[i, j]
         if last:
             break
-        damped = normal + prior
+        damped = normal + information
         for i in range(6):
             for j in range(6):
-                right[i] -= prior[i, j] * moved[j]
+                right[i] -= information[i, j] * moved[j]
         for i in range(3):
             # What nothing tells of a turn: any is as likely.
             damped[i, i] += 1.0 / UNIFORM_ANGLE**2

@@ -23,7 +23,7 @@ from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 from ..geometry.least_squares import covariances
 from ..geometry.pose_rows import as_motion, as_pose
 from ..geometry.settings import NOT_ZERO
-from .alignment import Steps, align
+from .alignment import Prior, Steps, align
 from .image_quality import look_of
 from .model_error import FIRST_ERROR, NO_ERROR, ModelError, settled
 from .neighbours import may_hide, neighbours
@@ -350,7 +350,7 @@ def laid(
         widths,
         density,
         (0.0, 0.0),
-        prior,
+        Prior(prior, np.zeros(6)),
         residual,
         weight,
         normal,
