@@ -8,14 +8,15 @@ import pytest
 from csg_renderer import Light, Scene, SolidOutline, model_features, parse_scene, render_stereo
 from csg_renderer.raycast.sensor import SensorModel, grey
 from model_matcher import index_model, match
-from model_matcher.geometry.pose_rows import as_pose
-from model_matcher.image_pose.measurement import searched
+from model_matcher.geometry.pose_rows import as_motion, as_pose
+from model_matcher.image_pose.measurement import elsewhere, fitted, laid_on_steps, searched
 from model_matcher.image_pose.presence import bent, chance_beside, confirmations, crowded, log_ratio
-from model_matcher.image_pose.settings import OTHERS_EDGES, REACH, SPACING
+from model_matcher.image_pose.settings import FLANK, OTHERS_EDGES, REACH, SPACING, TONES
 from model_matcher.image_pose.sight import look
 from model_matcher.image_pose.views import Views
 from model_matcher.model.symmetry import Axis, about_axis
 from model_matcher.verification import image_evidence
+from model_matcher.verification.settings import STILL
 from model_matcher.verification.turning import best_turn, laid_without_turn, likeliest_turns, ratios
 from msgs_py import PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.deadline import Deadline
@@ -72,6 +73,25 @@ def test_the_axis_is_laid_on_what_no_turn_moves(pulley, degrees):
     off = pose.inverse().compose(found)
     assert np.linalg.norm(found.translation - pose.translation) < 0.0006
     assert np.degrees(np.arccos(min(off.rotation[2, 2], 1.0))) < 0.4
+
+
+def test_a_turn_that_hardly_anything_tells_of_stays_where_the_outline_was_drawn_in(pulley):
+    """One step, a fifth of a pixel off, beside the middle of the keyway's end: to go there the pulley had to turn far."""
+    _, shape, pose, views = pulley
+    views = views.coded(TONES[0])
+    sight = look(shape, pose, views)
+    turn = np.concatenate(
+        [pose.rotation[:, 2], np.cross(pose.rotation[:, 2], pose.apply(shape.centre) - pose.apply(np.zeros(3)))]
+    )
+    lever = sight.placed.slope @ turn
+    moving = np.isin(sight.placed.curve, sight.placed.curve[np.abs(lever) > STILL])
+    steps = fitted(sight, views).without(moving)
+    told = int(np.argmin(np.where(moving & (np.abs(lever) > 0.5), np.abs(lever), np.inf)))
+    steps.number[told], steps.offset[told], steps.variance[told] = 1, 0.2, 0.01
+    assert 1.0 / np.radians(NEAR) > 4.0 * abs(lever[told])
+    density = elsewhere(searched(sight, views, FLANK), FLANK)
+    found = laid_on_steps(shape, as_motion(pose), views, sight, steps, density)
+    assert pose.error_to(as_pose(found.motion)).rotation_deg < 0.5 * NEAR
 
 
 @pytest.mark.parametrize(('features_say', 'looks'), [(0.0, 1), (-50.0, 0)])
