@@ -76,7 +76,7 @@ def test_the_axis_is_laid_on_what_no_turn_moves(pulley, degrees):
 
 
 def test_a_turn_that_hardly_anything_tells_of_stays_where_the_outline_was_drawn_in(pulley):
-    """One step, a fifth of a pixel off, beside the middle of the keyway's end: to go there the pulley had to turn far."""
+    """A step a fifth of a pixel off, beside the middle of the keyway's end, asks for a turn by many degrees."""
     _, shape, pose, views = pulley
     views = views.coded(TONES[0])
     sight = look(shape, pose, views)

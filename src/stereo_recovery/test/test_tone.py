@@ -9,7 +9,7 @@ from scipy.special import ndtr
 from stereo_recovery.detection import tone
 from stereo_recovery.detection.edgels import Edgels
 from stereo_recovery.detection.segments import Segments
-from stereo_recovery.detection.view import View, detect_view
+from stereo_recovery.detection.view import View, detect_views
 from stereo_recovery.params import RecoveryParams
 
 SIZE, TURN, SIGMA = 200, np.radians(11.0), RecoveryParams().sigma
@@ -30,7 +30,7 @@ def board(dark: float, bright: float, exponent: float, blur: float = 0.8, square
 def seen(image: np.ndarray) -> View:
     """What is detected in it."""
     params = RecoveryParams()
-    return detect_view(image, params.detector, params.sigma, params.low, params.high)
+    return detect_views([image], params.detector, params.sigma, params.low, params.high)[0]
 
 
 def off_lines(segments: Segments) -> np.ndarray:
@@ -52,9 +52,7 @@ def test_lines_of_a_coded_board_lie_where_light_has_them(dark: float) -> None:
 
 def test_a_coded_board_shows_them_on_the_dark_side(monkeypatch: pytest.MonkeyPatch) -> None:
     """Else the test before would show nothing."""
-    monkeypatch.setattr(
-        'stereo_recovery.detection.view.in_light', lambda grey, edgels, segments, sigma: (edgels, segments)
-    )
+    monkeypatch.setattr(tone, 'CODED_LOG_ODDS', np.inf)
     assert off_lines(seen(board(20.0, 200.0, 2.2)).segments).max() < -0.15
 
 
@@ -71,7 +69,7 @@ def test_a_board_that_is_not_coded_is_left_as_it_is() -> None:
     image = board(20.0, 200.0, 1.0)
     view = seen(image)
     assert np.abs(off_lines(view.segments)).max() < 0.02
-    edgels, segments = tone.in_light(image, view.edgels, view.segments, SIGMA)
+    edgels, segments = tone.in_light([tone.Picture(image, view.edgels, view.segments)], SIGMA)[0]
     assert edgels is view.edgels and segments is view.segments
 
 
@@ -82,9 +80,24 @@ def test_one_edge_says_nothing_of_the_code() -> None:
     assert off_lines(view.segments).max() < -0.1
 
 
+def test_a_picture_that_tells_nothing_is_like_the_other_one() -> None:
+    params = RecoveryParams()
+    images = board(20.0, 200.0, 2.2), board(20.0, 200.0, 2.2, squares=1)
+    views = detect_views(images, params.detector, params.sigma, params.low, params.high)
+    assert all(np.abs(off_lines(view.segments)).max() < 0.04 for view in views)
+
+
+def test_pictures_that_say_otherwise_have_a_share_each() -> None:
+    params = RecoveryParams()
+    images = board(20.0, 200.0, 2.2), board(20.0, 200.0, 1.0)
+    views = detect_views(images, params.detector, params.sigma, params.low, params.high)
+    assert all(np.abs(off_lines(view.segments)).max() < 0.05 for view in views)
+
+
 def test_nothing_in_the_picture() -> None:
     segments = Segments.between(np.zeros((0, 2, 2)), 0.1)
-    assert tone.in_light(np.zeros((9, 9), np.float32), Edgels.empty(), segments, SIGMA)[1] is segments
+    empty = tone.Picture(np.zeros((9, 9), np.float32), Edgels.empty(), segments)
+    assert tone.in_light([empty, empty], SIGMA)[1][1] is segments
 
 
 @settings(deadline=None, max_examples=20)

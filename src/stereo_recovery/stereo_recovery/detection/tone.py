@@ -11,6 +11,7 @@ two lie beside each other, by both shifts. How much of the shift of a coded pict
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -37,6 +38,17 @@ from .settings import (
 )
 from .splitting_kernels import continuations
 
+# Of the shift of a coded picture, from none on.
+SHARES = np.linspace(0.0, 2.0, 101)
+
+
+class Picture(NamedTuple):
+    """What was detected in a picture: grey levels (h, w) float32, edgels in the order of the segments, segments."""
+
+    grey: Float32Array
+    edgels: Edgels
+    segments: Segments
+
 
 class Reversals(NamedTuple):
     """k pairs of segments that continue each other, the bright side of one on the dark side of the other.
@@ -57,31 +69,43 @@ class Reversals(NamedTuple):
     variance: FloatArray
 
 
-def in_light(grey: Float32Array, edgels: Edgels, segments: Segments, sigma: float) -> tuple[Edgels, Segments]:
-    """Edges where light has them, as far as the picture shows that they are elsewhere in its code.
+def in_light(pictures: Sequence[Picture], sigma: float) -> list[tuple[Edgels, Segments]]:
+    """Edges where light has them, as far as pictures show that they are elsewhere in its code.
+
+    All pictures show one share of the shift of coded ones, unless they say otherwise: they are of cameras of one kind,
+    but what blurs them after they are coded, as turning them does, moves nothing.
 
     Parameters
     ----------
-    grey : (h, w) float32, grey levels
-    edgels : Edgels
-        In the order of the segments.
-    segments : Segments
+    pictures : sequence of Picture
     sigma : float
         Pixels. Smoothing of the detector.
 
     Returns
     -------
-    edgels : Edgels
-    segments : Segments
+    list of (Edgels, Segments)
+        Of each picture.
     """
-    found = reversals(segments)
-    if len(found.offset) == 0:
+    found = [reversals(picture.segments) for picture in pictures]
+    told = [k for k, pairs in enumerate(found) if len(pairs.offset)]
+    if not told:
+        return [(picture.edgels, picture.segments) for picture in pictures]
+    shift = [shift_in_code(*picture, sigma) for picture in pictures]
+    odds = np.array([_odds(found[k], shift[k]) for k in told])
+    share = dict.fromkeys(range(len(pictures)), _likeliest(odds.sum(axis=0)))
+    if len(told) > 1:
+        alone = odds + _believed()
+        together = float((odds.sum(axis=0) + _believed()).max())
+        if alone.max(axis=1).sum() - together > CODED_LOG_ODDS * (len(told) - 1):
+            share |= {k: _likeliest(one) for k, one in zip(told, odds)}
+    return [_moved(picture, share[k] * shift[k]) for k, picture in enumerate(pictures)]
+
+
+def _moved(picture: Picture, shift: FloatArray) -> tuple[Edgels, Segments]:
+    """Edges moved towards their bright sides, by (n,) pixels for the edgels of each segment."""
+    edgels, segments = picture.edgels, picture.segments
+    if not shift.any():
         return edgels, segments
-    shift = shift_in_code(grey, edgels, segments, sigma)
-    share = share_of_code(found, shift)
-    if share == 0.0:
-        return edgels, segments
-    shift = share * shift
     way = np.stack([np.cos(edgels.direction), np.sin(edgels.direction)], axis=1)
     each = np.repeat(shift, segments.bounds[:, 1] - segments.bounds[:, 0])[:, None]
     return (
@@ -132,7 +156,6 @@ def shift_in_code(grey: Float32Array, edgels: Edgels, segments: Segments, sigma:
     ----------
     grey : (h, w) float32, grey levels
     edgels : Edgels
-        One at least.
     segments : Segments
         n of them.
     sigma : float
@@ -148,6 +171,8 @@ def shift_in_code(grey: Float32Array, edgels: Edgels, segments: Segments, sigma:
     The steepest place of a smoothed step is its mean less half of its third cumulant over its variance, by the first
     terms of Edgeworth's series (Cramer 1946, 17.6).
     """
+    if len(segments) == 0:
+        return np.zeros(0)
     total = blur_variance([edgels])
     blur = np.sqrt(max(total - sigma**2, 0.0))
     share = (np.arange(TONE_SAMPLES) + 0.5) / TONE_SAMPLES
@@ -186,12 +211,26 @@ def share_of_code(found: Reversals, shift: FloatArray) -> float:
     shift : (n,) float64
         See :func:`shift_in_code`, of all segments.
     """
-    share = np.linspace(0.0, 2.0, 101)[:, None]
+    return _likeliest(_odds(found, shift))
+
+
+def _odds(found: Reversals, shift: FloatArray) -> FloatArray:
+    """Nats of pairs for each of SHARES; shift : see :func:`share_of_code`."""
     variance = found.variance + OUT_OF_LINE_SIGMA**2
-    left = found.offset - share * (shift[found.first] + shift[found.second])
+    left = found.offset - SHARES[:, None] * (shift[found.first] + shift[found.second])
     on_line = np.exp(-0.5 * left**2 / variance) / np.sqrt(2.0 * np.pi * variance)
     # Some lie on two lines, anywhere within REVERSED_APART of each other.
     chance = (1.0 - OUT_OF_LINE) * on_line + OUT_OF_LINE / (2.0 * REVERSED_APART)
-    odds = np.log(chance).sum(axis=1) - 0.5 * (share[:, 0] / SHARE_SIGMA) ** 2
-    best = int(odds.argmax())
-    return float(share[best, 0]) if odds[best] - odds[0] > CODED_LOG_ODDS else 0.0
+    return np.asarray(np.log(chance).sum(axis=1))
+
+
+def _believed() -> FloatArray:
+    """Nats for each of SHARES beforehand."""
+    return np.asarray(-0.5 * (SHARES / SHARE_SIGMA) ** 2)
+
+
+def _likeliest(odds: FloatArray) -> float:
+    """The share that is likeliest by nats of each; 0 where that is as likely."""
+    all_told = odds + _believed()
+    best = int(all_told.argmax())
+    return float(SHARES[best]) if all_told[best] - all_told[0] > CODED_LOG_ODDS else 0.0

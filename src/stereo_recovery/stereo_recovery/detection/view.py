@@ -28,7 +28,7 @@ from .settings import (
     TOLERANCE_NOISE,
 )
 from .splitting import localisation_noise, split
-from .tone import in_light
+from .tone import Picture, in_light
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,13 +93,14 @@ def detect_view(grey: Float32Array, detector: str, sigma: float, low: float, hig
     tolerance = float(np.clip(TOLERANCE_NOISE * localisation_noise(chains), LEAST_TOLERANCE, MOST_TOLERANCE))
     ordered, segments, ellipses = split(chains, tolerance, sigma)
     ordered, segments = grown(ordered, segments, slopes, sigma, tolerance, border)
-    ordered, segments = in_light(grey, ordered, segments, sigma)
     return View(grey, ordered, segments, ellipses)
 
 
 def detect_views(greys: Sequence[Float32Array], detector: str, sigma: float, low: float, high: float) -> list[View]:
-    """:func:`detect_view` of images (h, w), several at once."""
-    return spread(lambda grey: detect_view(grey, detector, sigma, low, high), greys)
+    """:func:`detect_view` of images (h, w), several at once; edges where light has them, see :mod:`.tone`."""
+    views = spread(lambda grey: detect_view(grey, detector, sigma, low, high), greys)
+    moved = in_light([Picture(view.grey, view.edgels, view.segments) for view in views], sigma)
+    return [replace(view, edgels=edgels, segments=segments) for view, (edgels, segments) in zip(views, moved)]
 
 
 def _halved(grey: Float32Array) -> Float32Array:
