@@ -35,6 +35,7 @@ from .settings import (
     DRAWN_IN,
     FEWEST_POINTS,
     FLANK,
+    ON_EDGE,
     OTHERS_EDGES,
     REACH,
     SEEN_STEP,
@@ -214,9 +215,15 @@ def laid_on_steps(shape: Shape, motion: FloatArray, views: Views, sight: Sight, 
     # While the outline may be off by much, a turn that little tells of goes after whatever runs beside its edges: the
     # pose is laid anew once it is known by how little.
     about = shape.centre, views.rows, sight.placed, steps
-    error = settled(motion.copy(), *about, FIRST_ERROR, density, TO_ERROR)[-1]
+    off = drawn_to(views)
+    error = settled(motion.copy(), *about, FIRST_ERROR, density, TO_ERROR, off)[-1]
     motion = motion.copy()
-    return Laid(motion, *settled(motion, *about, error, density, TO_ERROR))
+    return Laid(motion, *settled(motion, *about, error, density, TO_ERROR, off))
+
+
+def drawn_to(views: Views) -> float:
+    """Pixels, sigma, to which an outline is drawn in: a pixel, and in pictures blurred by more than that, the blur."""
+    return max(ON_EDGE, float(views.look[:, 0].max()))
 
 
 def presence(shape: Shape, pose: Pose, views: Views, spacing: float = SPACING) -> Presence:

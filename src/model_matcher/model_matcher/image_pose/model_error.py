@@ -19,7 +19,7 @@ from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..geometry.settings import NOT_ZERO, ROUNDING
 from .alignment import Placed, Prior, Steps, add_to_line, align, inverse_of_line
-from .settings import FEWEST_POINTS, FIRST_ERROR_PX, LONGEST_JUMP, ON_EDGE, POINT_TURNS, SETTLED, SIGMA_TURNS, TO_POSE
+from .settings import FEWEST_POINTS, FIRST_ERROR_PX, LONGEST_JUMP, POINT_TURNS, SETTLED, SIGMA_TURNS, TO_POSE
 
 
 class ModelError(NamedTuple):
@@ -55,10 +55,11 @@ def settled(
     error: ModelError,
     density: float,
     rounds: int,
+    off: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, ModelError]:
     """Lay a pose on fitted steps, in place, and tell the outline's errors, in turns; until too few points count.
 
-    Beforehand each curve is where it is drawn, give or take ON_EDGE, and those as well that no step was fitted to: else
+    Beforehand each curve is where it is drawn, give or take ``off``, and those as well that no step was fitted to: else
     a turn that little tells of would go wherever its curves can be said to be off, and these the more the farther it
     goes.
 
@@ -71,6 +72,8 @@ def settled(
     density : float
         Steps a pixel that are not the outline's, over the chance that a point of it shows one.
     rounds : int
+    off : float
+        Pixels, sigma by which curves may lie off where they are drawn.
 
     Returns
     -------
@@ -80,7 +83,7 @@ def settled(
     """
     n = len(placed.eye)
     residual, weight, normal = np.empty(n), np.empty(n), np.zeros((6, 6))
-    widths, prior = np.zeros(TO_POSE), Prior(_drawn_in(placed), np.zeros(6))
+    widths, prior = np.zeros(TO_POSE), Prior(_drawn_in(placed, off), np.zeros(6))
     for _ in range(rounds):
         curve, view, point = error
         own = Steps(steps.offset, steps.number, steps.variance + point**2, steps.rise)
@@ -98,13 +101,13 @@ def settled(
 
 
 @njit(nogil=True)
-def _drawn_in(placed: Placed) -> FloatArray:
-    """Information (6, 6) on a pose at which each curve in each view lies within ON_EDGE of where it is seen, sigma."""
+def _drawn_in(placed: Placed, off: float) -> FloatArray:
+    """Information (6, 6) on a pose at which each curve lies within so many pixels, sigma, of where each view has it."""
     n = len(placed.eye)
     count = np.bincount(placed.group)
     out = np.zeros((6, 6))
     for k in range(n):
-        weight = 1.0 / (count[placed.group[k]] * ON_EDGE**2)
+        weight = 1.0 / (count[placed.group[k]] * off * off)
         for i in range(6):
             for j in range(6):
                 out[i, j] += weight * placed.slope[k, i] * placed.slope[k, j]

@@ -12,7 +12,7 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 from ..geometry.least_squares import covariances
 from ..geometry.settings import UNIFORM_VARIANCE
 from ..image_pose.alignment import Steps
-from ..image_pose.measurement import Presence, elsewhere, fitted, laid, own_steps, searched, shown
+from ..image_pose.measurement import Presence, drawn_to, elsewhere, fitted, laid, own_steps, searched, shown
 from ..image_pose.model_error import ModelError, settled
 from ..image_pose.settings import DRAWN_IN, FARTHEST_STEP, FEWEST_POINTS, FLANK, ON_EDGE, REACH, SPACING, TO_POSE
 from ..image_pose.sight import Outline, Shape, drawn
@@ -143,7 +143,8 @@ def measured(shape: Shape, place: Place, views: Views, error: ModelError) -> Mea
         return None
     density = elsewhere(within(place.steps, FLANK), FLANK)
     steps = own_steps(fitted(sight, views), sight, motion, views)
-    _, weight, normal, error = settled(motion, shape.centre, views.rows, sight.placed, steps, error, density, TO_POSE)
+    about = shape.centre, views.rows, sight.placed, steps
+    _, weight, normal, error = settled(motion, *about, error, density, TO_POSE, drawn_to(views))
     if (weight > 0.0).sum() < FEWEST_POINTS:
         return None
     if error.point > FARTHEST_STEP:
