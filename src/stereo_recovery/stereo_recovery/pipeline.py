@@ -59,6 +59,7 @@ from .settings import (
     SWAPPED_MATCHES,
 )
 from .stopwatch import Late, Stopwatch, never
+from .tone import in_light
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +229,7 @@ def matched_length(left: AnyArray, right: AnyArray, rig: StereoRig, params: Reco
 
 def _detected(greys: Sequence[Float32Array], params: RecoveryParams, watch: Stopwatch) -> list[View]:
     """What there is in each picture."""
-    views = detect_views(greys, params.detector, params.sigma, params.low, params.high)
+    views = in_light(detect_views(greys, params.detector, params.sigma, params.low, params.high), params.sigma)
     watch.stage('segment')
     return views
 

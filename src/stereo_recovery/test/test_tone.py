@@ -1,12 +1,14 @@
 """Edges of pictures that code light: where light has them, and only where the picture shows that it codes."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import ndtr
 
-from stereo_recovery.detection import tone
+from stereo_recovery import tone
 from stereo_recovery.detection.edgels import Edgels
 from stereo_recovery.detection.segments import Segments
 from stereo_recovery.detection.view import View, detect_views
@@ -27,10 +29,15 @@ def board(dark: float, bright: float, exponent: float, blur: float = 0.8, square
     return (255.0 * light ** (1.0 / exponent) + noise).astype(np.float32)
 
 
+def all_seen(images: Sequence[np.ndarray]) -> list[View]:
+    """What is detected in pictures, and where light has it."""
+    params = RecoveryParams()
+    return tone.in_light(detect_views(images, params.detector, params.sigma, params.low, params.high), params.sigma)
+
+
 def seen(image: np.ndarray) -> View:
     """What is detected in it."""
-    params = RecoveryParams()
-    return detect_views([image], params.detector, params.sigma, params.low, params.high)[0]
+    return all_seen([image])[0]
 
 
 def off_lines(segments: Segments) -> np.ndarray:
@@ -69,8 +76,7 @@ def test_a_board_that_is_not_coded_is_left_as_it_is() -> None:
     image = board(20.0, 200.0, 1.0)
     view = seen(image)
     assert np.abs(off_lines(view.segments)).max() < 0.02
-    edgels, segments = tone.in_light([tone.Picture(image, view.edgels, view.segments)], SIGMA)[0]
-    assert edgels is view.edgels and segments is view.segments
+    assert tone.in_light([view], SIGMA)[0] is view
 
 
 def test_one_edge_says_nothing_of_the_code() -> None:
@@ -81,23 +87,19 @@ def test_one_edge_says_nothing_of_the_code() -> None:
 
 
 def test_a_picture_that_tells_nothing_is_like_the_other_one() -> None:
-    params = RecoveryParams()
-    images = board(20.0, 200.0, 2.2), board(20.0, 200.0, 2.2, squares=1)
-    views = detect_views(images, params.detector, params.sigma, params.low, params.high)
+    views = all_seen([board(20.0, 200.0, 2.2), board(20.0, 200.0, 2.2, squares=1)])
     assert all(np.abs(off_lines(view.segments)).max() < 0.04 for view in views)
 
 
 def test_pictures_that_say_otherwise_have_a_share_each() -> None:
-    params = RecoveryParams()
-    images = board(20.0, 200.0, 2.2), board(20.0, 200.0, 1.0)
-    views = detect_views(images, params.detector, params.sigma, params.low, params.high)
+    views = all_seen([board(20.0, 200.0, 2.2), board(20.0, 200.0, 1.0)])
     assert all(np.abs(off_lines(view.segments)).max() < 0.05 for view in views)
 
 
 def test_nothing_in_the_picture() -> None:
     segments = Segments.between(np.zeros((0, 2, 2)), 0.1)
-    empty = tone.Picture(np.zeros((9, 9), np.float32), Edgels.empty(), segments)
-    assert tone.in_light([empty, empty], SIGMA)[1][1] is segments
+    empty = View(np.zeros((9, 9), np.float32), Edgels.empty(), segments, [])
+    assert tone.in_light([empty, empty], SIGMA)[1] is empty
 
 
 @settings(deadline=None, max_examples=20)

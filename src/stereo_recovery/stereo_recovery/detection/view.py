@@ -28,7 +28,6 @@ from .settings import (
     TOLERANCE_NOISE,
 )
 from .splitting import localisation_noise, split
-from .tone import Picture, in_light
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +42,7 @@ class View:
     segments : Segments
         Straight segments and parts of arcs.
     ellipses : list of Ellipse
-        Of the arcs, in the picture's code: fits of curves begin with them.
+        Of the arcs.
     """
 
     grey: Float32Array
@@ -97,10 +96,8 @@ def detect_view(grey: Float32Array, detector: str, sigma: float, low: float, hig
 
 
 def detect_views(greys: Sequence[Float32Array], detector: str, sigma: float, low: float, high: float) -> list[View]:
-    """:func:`detect_view` of images (h, w), several at once; edges where light has them, see :mod:`.tone`."""
-    views = spread(lambda grey: detect_view(grey, detector, sigma, low, high), greys)
-    moved = in_light([Picture(view.grey, view.edgels, view.segments) for view in views], sigma)
-    return [replace(view, edgels=edgels, segments=segments) for view, (edgels, segments) in zip(views, moved)]
+    """:func:`detect_view` of images (h, w), several at once."""
+    return spread(lambda grey: detect_view(grey, detector, sigma, low, high), greys)
 
 
 def _halved(grey: Float32Array) -> Float32Array:

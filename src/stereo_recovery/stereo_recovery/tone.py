@@ -21,12 +21,12 @@ import numpy as np
 from scipy.special import ndtr
 
 from msgs_py.numeric.settings import BOUND_SIGMA
-from msgs_py.numeric.typed import Float32Array, FloatArray, IntArray
+from msgs_py.numeric.typed import FloatArray, IntArray
 
-from .edgels import Edgels, blur_variance
-from .line_kernels import Lines
-from .segments import Segments
-from .settings import (
+from .detection.edgels import blur_variance
+from .detection.line_kernels import Lines
+from .detection.segments import Segments
+from .detection.settings import (
     CODED_LOG_ODDS,
     OUT_OF_LINE,
     OUT_OF_LINE_SIGMA,
@@ -36,18 +36,11 @@ from .settings import (
     TONE_SAMPLES,
     WHITE,
 )
-from .splitting_kernels import continuations
+from .detection.splitting_kernels import continuations
+from .detection.view import View
 
 # Of the shift of a coded picture, from none on.
 SHARES = np.linspace(0.0, 2.0, 101)
-
-
-class Picture(NamedTuple):
-    """What was detected in a picture: grey levels (h, w) float32, edgels in the order of the segments, segments."""
-
-    grey: Float32Array
-    edgels: Edgels
-    segments: Segments
 
 
 class Reversals(NamedTuple):
@@ -69,48 +62,49 @@ class Reversals(NamedTuple):
     variance: FloatArray
 
 
-def in_light(pictures: Sequence[Picture], sigma: float) -> list[tuple[Edgels, Segments]]:
-    """Edges where light has them, as far as pictures show that they are elsewhere in its code.
+def in_light(views: Sequence[View], sigma: float) -> list[View]:
+    """Views with their edges where light has them, as far as they show that these are elsewhere in a picture's code.
 
     All pictures show one share of the shift of coded ones, unless they say otherwise: they are of cameras of one kind,
     but what blurs them after they are coded, as turning them does, moves nothing.
 
     Parameters
     ----------
-    pictures : sequence of Picture
+    views : sequence of View
     sigma : float
         Pixels. Smoothing of the detector.
 
     Returns
     -------
-    list of (Edgels, Segments)
-        Of each picture.
+    list of View
+        Their ellipses stay, with which fits of curves begin.
     """
-    found = [reversals(picture.segments) for picture in pictures]
+    found = [reversals(view.segments) for view in views]
     told = [k for k, pairs in enumerate(found) if len(pairs.offset)]
     if not told:
-        return [(picture.edgels, picture.segments) for picture in pictures]
-    shift = [shift_in_code(*picture, sigma) for picture in pictures]
+        return list(views)
+    shift = [shift_in_code(view, sigma) for view in views]
     odds = np.array([_odds(found[k], shift[k]) for k in told])
-    share = dict.fromkeys(range(len(pictures)), _likeliest(odds.sum(axis=0)))
+    share = dict.fromkeys(range(len(views)), _likeliest(odds.sum(axis=0)))
     if len(told) > 1:
         alone = odds + _believed()
         together = float((odds.sum(axis=0) + _believed()).max())
         if alone.max(axis=1).sum() - together > CODED_LOG_ODDS * (len(told) - 1):
             share |= {k: _likeliest(one) for k, one in zip(told, odds)}
-    return [_moved(picture, share[k] * shift[k]) for k, picture in enumerate(pictures)]
+    return [_moved(view, share[k] * shift[k]) for k, view in enumerate(views)]
 
 
-def _moved(picture: Picture, shift: FloatArray) -> tuple[Edgels, Segments]:
-    """Edges moved towards their bright sides, by (n,) pixels for the edgels of each segment."""
-    edgels, segments = picture.edgels, picture.segments
+def _moved(view: View, shift: FloatArray) -> View:
+    """A view with its edges moved towards their bright sides, by (n,) pixels for the edgels of each segment."""
+    edgels, segments = view.edgels, view.segments
     if not shift.any():
-        return edgels, segments
+        return view
     way = np.stack([np.cos(edgels.direction), np.sin(edgels.direction)], axis=1)
     each = np.repeat(shift, segments.bounds[:, 1] - segments.bounds[:, 0])[:, None]
-    return (
-        replace(edgels, position=edgels.position + each * way),
-        replace(segments, centre=segments.centre + shift[:, None] * _bright(segments)),
+    return replace(
+        view,
+        edgels=replace(edgels, position=edgels.position + each * way),
+        segments=replace(segments, centre=segments.centre + shift[:, None] * _bright(segments)),
     )
 
 
@@ -149,15 +143,13 @@ def _at(segments: Segments, index: IntArray, point: FloatArray) -> tuple[FloatAr
     return centre + abscissa[:, None] * along, sigma[:, 0] ** 2 + (abscissa * sigma[:, 1]) ** 2
 
 
-def shift_in_code(grey: Float32Array, edgels: Edgels, segments: Segments, sigma: float) -> FloatArray:
+def shift_in_code(view: View, sigma: float) -> FloatArray:
     """How far from where a coded picture shows edges these are in light.
 
     Parameters
     ----------
-    grey : (h, w) float32, grey levels
-    edgels : Edgels
-    segments : Segments
-        n of them.
+    view : View
+        With n segments.
     sigma : float
         Pixels. Smoothing of the detector.
 
@@ -171,14 +163,15 @@ def shift_in_code(grey: Float32Array, edgels: Edgels, segments: Segments, sigma:
     The steepest place of a smoothed step is its mean less half of its third cumulant over its variance, by the first
     terms of Edgeworth's series (Cramer 1946, 17.6).
     """
+    segments = view.segments
     if len(segments) == 0:
         return np.zeros(0)
-    total = blur_variance([edgels])
+    total = blur_variance([view.edgels])
     blur = np.sqrt(max(total - sigma**2, 0.0))
     share = (np.arange(TONE_SAMPLES) + 0.5) / TONE_SAMPLES
     places = segments.start[:, None] + share[:, None] * (segments.end - segments.start)[:, None]
     u, v = np.moveaxis(places, 2, 0).astype(np.float32)
-    middle = cv2.remap(grey, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).mean(axis=1)
+    middle = cv2.remap(view.grey, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).mean(axis=1)
     half = np.sqrt(0.5 * np.pi * total) * segments.magnitude
     dark, bright = np.maximum(middle - half, 0.0), np.minimum(middle + half, WHITE)
     ratio, of_ratio = _coded_steps()
