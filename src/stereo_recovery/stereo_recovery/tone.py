@@ -11,6 +11,7 @@ two lie beside each other, by both shifts. How much of the shift of a coded pict
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -18,7 +19,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from scipy.special import ndtr
 
 from msgs_py.numeric.settings import BOUND_SIGMA
 from msgs_py.numeric.typed import FloatArray, IntArray
@@ -185,7 +185,8 @@ def _coded_steps() -> tuple[FloatArray, FloatArray]:
     x = np.linspace(-8.0, 8.0, 641)
     ratio = np.linspace(0.0, 1.0, 51)
     dark = ratio[:-1, None] ** TONE
-    code = (dark + (1.0 - dark) * ndtr(x)) ** (1.0 / TONE)
+    step = np.array([0.5 * math.erfc(-place / math.sqrt(2.0)) for place in x])
+    code = (dark + (1.0 - dark) * step) ** (1.0 / TONE)
     weight, place = np.diff(code, axis=1), 0.5 * (x[1:] + x[:-1])
     weight /= weight.sum(axis=1, keepdims=True)
     mean = weight @ place
