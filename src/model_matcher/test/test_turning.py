@@ -17,7 +17,7 @@ from model_matcher.image_pose.views import Views
 from model_matcher.model.symmetry import Axis, about_axis
 from model_matcher.verification import image_evidence
 from model_matcher.verification.settings import STILL
-from model_matcher.verification.turning import best_turn, laid_without_turn, likeliest_turns, ratios
+from model_matcher.verification.turning import _moves, best_turn, laid_without_turn, likeliest_turns, ratios
 from msgs_py import PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.deadline import Deadline
 
@@ -80,10 +80,7 @@ def test_a_turn_that_hardly_anything_tells_of_stays_where_the_outline_was_drawn_
     _, shape, pose, views = pulley
     views = views.coded(TONES[0])
     sight = look(shape, pose, views)
-    turn = np.concatenate(
-        [pose.rotation[:, 2], np.cross(pose.rotation[:, 2], pose.apply(shape.centre) - pose.apply(np.zeros(3)))]
-    )
-    lever = sight.placed.slope @ turn
+    lever = _moves(sight, shape, pose, AXIS)
     moving = np.isin(sight.placed.curve, sight.placed.curve[np.abs(lever) > STILL])
     steps = fitted(sight, views).without(moving)
     told = int(np.argmin(np.where(moving & (np.abs(lever) > 0.5), np.abs(lever), np.inf)))

@@ -22,6 +22,21 @@ COLUMNS_OVER_ROWS = 2.0
 # another curve; no further estimate of straight edges. The rest is for what comes then.
 LABELLING_SHARE, CURVES_SHARE, EDGES_SHARE = 0.4, 0.6, 0.8
 
+# -- tone --------------------------------------------------------------------------------------------------------------
+
+# Grey level: full white. [D]
+WHITE = 255.0
+# Places along a segment where the grey level of its middle is looked up. [R]
+TONE_SAMPLES = 8
+# px: farthest that a tone curve shows two edges of one line beside each other. [D] Two shifts of edges of black, at a
+# blur of 1.3 px.
+REVERSED_APART = 2.0
+# px, sigma by which edges on one line lie beside each other; share of those that only seem to be on one. [R]
+OUT_OF_LINE_SIGMA, OUT_OF_LINE = 0.1, 0.15
+# Sigma of the share of a coded picture's shift that is believed beforehand: none to all of it; and nats from which
+# there is some: twenty to one. [D]
+SHARE_SIGMA, CODED_LOG_ODDS = 0.5, 3.0
+
 # -- drawing -----------------------------------------------------------------------------------------------------------
 
 # Sub-pixel bits of OpenCV's drawing functions; pixels: what is farther out is drawn there, so that no coordinate

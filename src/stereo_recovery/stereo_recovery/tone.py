@@ -20,24 +20,16 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from msgs_py.numeric.settings import BOUND_SIGMA
+from msgs_py.numeric.settings import BOUND_SIGMA, SRGB_EXPONENT
+from msgs_py.numeric.threads import spread
 from msgs_py.numeric.typed import FloatArray, IntArray
 
 from .detection.edgels import blur_variance
 from .detection.line_kernels import Lines
 from .detection.segments import Segments
-from .detection.settings import (
-    CODED_LOG_ODDS,
-    OUT_OF_LINE,
-    OUT_OF_LINE_SIGMA,
-    REVERSED_APART,
-    SHARE_SIGMA,
-    TONE,
-    TONE_SAMPLES,
-    WHITE,
-)
 from .detection.splitting_kernels import continuations
 from .detection.view import View
+from .settings import CODED_LOG_ODDS, OUT_OF_LINE, OUT_OF_LINE_SIGMA, REVERSED_APART, SHARE_SIGMA, TONE_SAMPLES, WHITE
 
 # Of the shift of a coded picture, from none on.
 SHARES = np.linspace(0.0, 2.0, 101)
@@ -79,19 +71,11 @@ def in_light(views: Sequence[View], sigma: float) -> list[View]:
     list of View
         Their ellipses stay, with which fits of curves begin.
     """
-    found = [reversals(view.segments) for view in views]
-    told = [k for k, pairs in enumerate(found) if len(pairs.offset)]
-    if not told:
+    found = spread(lambda view: reversals(view.segments), views)
+    if not any(len(pairs.offset) for pairs in found):
         return list(views)
-    shift = [shift_in_code(view, sigma) for view in views]
-    odds = np.array([_odds(found[k], shift[k]) for k in told])
-    share = dict.fromkeys(range(len(views)), _likeliest(odds.sum(axis=0)))
-    if len(told) > 1:
-        alone = odds + _believed()
-        together = float((odds.sum(axis=0) + _believed()).max())
-        if alone.max(axis=1).sum() - together > CODED_LOG_ODDS * (len(told) - 1):
-            share |= {k: _likeliest(one) for k, one in zip(told, odds)}
-    return [_moved(view, share[k] * shift[k]) for k, view in enumerate(views)]
+    shift = spread(lambda view: shift_in_code(view, sigma), views)
+    return [_moved(view, share * one) for view, share, one in zip(views, shares_of_code(found, shift), shift)]
 
 
 def _moved(view: View, shift: FloatArray) -> View:
@@ -104,13 +88,8 @@ def _moved(view: View, shift: FloatArray) -> View:
     return replace(
         view,
         edgels=replace(edgels, position=edgels.position + each * way),
-        segments=replace(segments, centre=segments.centre + shift[:, None] * _bright(segments)),
+        segments=replace(segments, centre=segments.centre + shift[:, None] * segments.normal),
     )
-
-
-def _bright(segments: Segments) -> FloatArray:
-    """(n, 2) float64: unit normals of segments, towards their bright sides."""
-    return np.stack([-segments.direction[:, 1], segments.direction[:, 0]], axis=1)
 
 
 def reversals(segments: Segments) -> Reversals:
@@ -131,16 +110,15 @@ def reversals(segments: Segments) -> Reversals:
     before = np.flatnonzero(following >= count)
     first, second = straight[before], straight[following[before] - count]
     between = 0.5 * (segments.end[first] + segments.end[second])
-    (here, one), (there, other) = (_at(segments, k, between) for k in (first, second))
-    offset = np.einsum('kj,kj->k', there - here, _bright(segments)[first])
+    (here, one), (there, other) = (_at(segments.select(k), between) for k in (first, second))
+    offset = np.einsum('kj,kj->k', there - here, segments.normal[first])
     return Reversals(first, second, offset, one + other)
 
 
-def _at(segments: Segments, index: IntArray, point: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _at(segments: Segments, point: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The places (k, 2) of lines nearest to points (k, 2), and the variances (k,) of the lines there."""
-    centre, along, sigma = segments.centre[index], segments.direction[index], segments.sigma[index]
-    abscissa = np.einsum('kj,kj->k', point - centre, along)
-    return centre + abscissa[:, None] * along, sigma[:, 0] ** 2 + (abscissa * sigma[:, 1]) ** 2
+    abscissa = np.einsum('kj,kj->k', point - segments.centre, segments.direction)
+    return segments.centre + abscissa[:, None] * segments.direction, segments.variance_at(abscissa)
 
 
 def shift_in_code(view: View, sigma: float) -> FloatArray:
@@ -168,9 +146,7 @@ def shift_in_code(view: View, sigma: float) -> FloatArray:
         return np.zeros(0)
     total = blur_variance([view.edgels])
     blur = np.sqrt(max(total - sigma**2, 0.0))
-    share = (np.arange(TONE_SAMPLES) + 0.5) / TONE_SAMPLES
-    places = segments.start[:, None] + share[:, None] * (segments.end - segments.start)[:, None]
-    u, v = np.moveaxis(places, 2, 0).astype(np.float32)
+    u, v = np.moveaxis(segments.places(TONE_SAMPLES), 2, 0).astype(np.float32)
     middle = cv2.remap(view.grey, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).mean(axis=1)
     half = np.sqrt(0.5 * np.pi * total) * segments.magnitude
     dark, bright = np.maximum(middle - half, 0.0), np.minimum(middle + half, WHITE)
@@ -184,9 +160,9 @@ def _coded_steps() -> tuple[FloatArray, FloatArray]:
     """Ratios (k,) of dark to bright; mean, variance and third cumulant (3, k) of the slope of coded steps of blur 1."""
     x = np.linspace(-8.0, 8.0, 641)
     ratio = np.linspace(0.0, 1.0, 51)
-    dark = ratio[:-1, None] ** TONE
+    dark = ratio[:-1, None] ** SRGB_EXPONENT
     step = np.array([0.5 * math.erfc(-place / math.sqrt(2.0)) for place in x])
-    code = (dark + (1.0 - dark) * step) ** (1.0 / TONE)
+    code = (dark + (1.0 - dark) * step) ** (1.0 / SRGB_EXPONENT)
     weight, place = np.diff(code, axis=1), 0.5 * (x[1:] + x[:-1])
     weight /= weight.sum(axis=1, keepdims=True)
     mean = weight @ place
@@ -196,20 +172,27 @@ def _coded_steps() -> tuple[FloatArray, FloatArray]:
     return ratio, np.column_stack([cumulants, [0.0, 1.0, 0.0]])
 
 
-def share_of_code(found: Reversals, shift: FloatArray) -> float:
-    """How much of the shift of coded pictures a picture shows; 0 where it might as well show none.
+def shares_of_code(found: Sequence[Reversals], shift: Sequence[FloatArray]) -> list[float]:
+    """How much of the shift of coded pictures each picture shows; 0 where they might as well show none.
 
     Parameters
     ----------
-    found : Reversals
-    shift : (n,) float64
-        See :func:`shift_in_code`, of all segments.
+    found : sequence of Reversals
+    shift : sequence of (n,) float64
+        See :func:`shift_in_code`, of all segments of each picture.
     """
-    return _likeliest(_odds(found, shift))
+    odds = np.array([_odds(pairs, one) for pairs, one in zip(found, shift)])
+    told = [k for k, pairs in enumerate(found) if len(pairs.offset)]
+    together, alone = _believed(odds.sum(axis=0)), _believed(odds)
+    shares = [_likeliest(together)] * len(found)
+    if len(told) > 1 and alone.max(axis=1).sum() - together.max() > CODED_LOG_ODDS * (len(told) - 1):
+        for k in told:
+            shares[k] = _likeliest(alone[k])
+    return shares
 
 
 def _odds(found: Reversals, shift: FloatArray) -> FloatArray:
-    """Nats of pairs for each of SHARES; shift : see :func:`share_of_code`."""
+    """Nats of pairs for each of SHARES; shift : of one picture, see :func:`shares_of_code`."""
     variance = found.variance + OUT_OF_LINE_SIGMA**2
     left = found.offset - SHARES[:, None] * (shift[found.first] + shift[found.second])
     on_line = np.exp(-0.5 * left**2 / variance) / np.sqrt(2.0 * np.pi * variance)
@@ -218,13 +201,12 @@ def _odds(found: Reversals, shift: FloatArray) -> FloatArray:
     return np.asarray(np.log(chance).sum(axis=1))
 
 
-def _believed() -> FloatArray:
-    """Nats for each of SHARES beforehand."""
-    return np.asarray(-0.5 * (SHARES / SHARE_SIGMA) ** 2)
+def _believed(odds: FloatArray) -> FloatArray:
+    """Nats (..., k) of pairs for each of SHARES, with what is believed beforehand."""
+    return np.asarray(odds - 0.5 * (SHARES / SHARE_SIGMA) ** 2)
 
 
 def _likeliest(odds: FloatArray) -> float:
-    """The share that is likeliest by nats of each; 0 where that is as likely."""
-    all_told = odds + _believed()
-    best = int(all_told.argmax())
-    return float(SHARES[best]) if all_told[best] - all_told[0] > CODED_LOG_ODDS else 0.0
+    """The likeliest of SHARES by their nats; 0 where that is as likely."""
+    best = int(odds.argmax())
+    return float(SHARES[best]) if odds[best] - odds[0] > CODED_LOG_ODDS else 0.0

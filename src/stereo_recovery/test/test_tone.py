@@ -111,6 +111,6 @@ def test_the_share_that_pairs_of_edges_show_is_found(share: float, count: int, s
     offset = share * (shift[first] + shift[second]) + rng.normal(0.0, 0.02, count)
     # Three of ten are on two lines.
     offset[: count * 3 // 10] = rng.uniform(-1.0, 1.0, count * 3 // 10)
-    found = tone.share_of_code(tone.Reversals(first, second, offset, np.full(count, 0.02**2)), shift)
+    found = tone.shares_of_code([tone.Reversals(first, second, offset, np.full(count, 0.02**2))], [shift])[0]
     # Of little, nothing is believed; of the rest less by what is believed beforehand.
     assert abs(found - share) < (0.35 if found == 0.0 else 0.25 + 0.1 * share)

@@ -83,7 +83,7 @@ def settled(
     """
     n = len(placed.eye)
     residual, weight, normal = np.empty(n), np.empty(n), np.zeros((6, 6))
-    widths, prior = np.zeros(TO_POSE), Prior(_drawn_in(placed, off), np.zeros(6))
+    widths, prior = np.zeros(TO_POSE), Prior(_where_drawn(placed, off), np.zeros(6))
     for _ in range(rounds):
         curve, view, point = error
         own = Steps(steps.offset, steps.number, steps.variance + point**2, steps.rise)
@@ -101,7 +101,7 @@ def settled(
 
 
 @njit(nogil=True)
-def _drawn_in(placed: Placed, off: float) -> FloatArray:
+def _where_drawn(placed: Placed, off: float) -> FloatArray:
     """Information (6, 6) on a pose at which each curve lies within so many pixels, sigma, of where each view has it."""
     n = len(placed.eye)
     count = np.bincount(placed.group)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from msgs_py.numeric.settings import SRGB_EXPONENT
+
 from ..geometry.settings import RIGHT_ANGLE, UNIFORM_VARIANCE
 
 # Taps of the derivative of a Gaussian of 1 px, with which steps of grey are found along a profile, at 1, 2, 3 px from
@@ -94,7 +96,7 @@ SCREEN_DIRECTIONS = 12
 # Pixels, the outline's errors that are believed at first: large, so that no curve is left out before they are known.
 FIRST_ERROR_PX = 0.5
 # Exponents of light by grey level that cameras have: none, and about that of sRGB (IEC 61966-2-1).
-TONES = (1.0, 2.2)
+TONES = (1.0, SRGB_EXPONENT)
 # Nats that settle a matter, twenty to one: which of two explains an outline; whether a hypothesis that has so many more
 # than it needs, or so many fewer, is looked at further; whether a curve says that an object is not the model but a part
 # like it, of which there are as many.

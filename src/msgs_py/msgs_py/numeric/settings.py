@@ -22,6 +22,9 @@ BOUND_SIGMA = 3.0
 # Halvings of an interval after which its ends are one number of 64 bits.
 BISECTIONS = 60
 
+# Exponent of light by grey level of pictures that are coded for screens: about that of sRGB (IEC 61966-2-1).
+SRGB_EXPONENT = 2.2
+
 # The median of |x| of a normal variable x of sigma 1 (its upper quartile).
 NORMAL_QUARTILE = 0.6745
 # Times the median of |x| gives sigma: 1 / NORMAL_QUARTILE, rounded as in most textbooks.

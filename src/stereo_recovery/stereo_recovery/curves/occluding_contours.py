@@ -166,7 +166,7 @@ def tangent_sides(curve: Curve, segments: Segments, view: CameraView) -> Int8Arr
     conic = image_conic(curve, view)
     centre = -np.linalg.solve(conic[:2, :2], conic[:2, 2])
     shape = -np.linalg.det(conic) / np.linalg.det(conic[:2, :2]) * np.linalg.inv(conic[:2, :2])
-    across = np.stack([-segments.direction[:, 1], segments.direction[:, 0]], axis=1)
+    across = segments.normal
     # Half the width of the ellipse across a segment's line; a tangent is so far from the centre.
     width = np.sqrt(np.maximum(np.einsum('ni,ij,nj->n', across, shape, across), NOT_ZERO))
     offset = ((segments.centre - centre) * across).sum(axis=1)
@@ -187,7 +187,7 @@ def _from_contact(segments: Segments, contact: AnyArray) -> tuple[FloatArray, Fl
 
 def _line_variance(segments: Segments, lever: FloatArray) -> FloatArray:
     """Square pixels: of a contour's distance from the lines of segments, so far from their middles, pixels."""
-    return segments.sigma[:, 0] ** 2 + (segments.sigma[:, 1] * lever) ** 2 + settings.CONTOUR_SIGMA**2
+    return segments.variance_at(lever) + settings.CONTOUR_SIGMA**2
 
 
 def _image_of_axis(rim: Curve, apex: FloatArray, view: CameraView) -> FloatArray:

@@ -113,6 +113,20 @@ class Segments:
         return self.extent[:, 1] - self.extent[:, 0]
 
     @property
+    def normal(self) -> FloatArray:
+        """(n, 2) float64, unit, across the segments towards their bright sides."""
+        return np.stack([-self.direction[:, 1], self.direction[:, 0]], axis=1)
+
+    def variance_at(self, abscissa: FloatArray) -> FloatArray:
+        """(n,) float64, square pixels: of the lines' offset so far (n,), pixels, from their centres."""
+        return np.asarray(self.sigma[:, 0] ** 2 + (self.sigma[:, 1] * abscissa) ** 2)
+
+    def places(self, count: int) -> FloatArray:
+        """(n, count, 2) float64, pixels: the middles of so many equal parts of each."""
+        share = (np.arange(count) + 0.5) / count
+        return np.asarray(self.start[:, None] + share[:, None] * (self.end - self.start)[:, None])
+
+    @property
     def lines(self) -> line_kernels.Lines:
         """The lines as compiled loops take them."""
         arrays = (np.ascontiguousarray(a) for a in (self.centre, self.direction, self.extent, self.sigma))

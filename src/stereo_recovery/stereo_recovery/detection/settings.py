@@ -251,19 +251,3 @@ SCALES = 2
 MOST_SEGMENTS = 6000
 # Tolerance of straight segments: this many times the localisation noise, within limits, px. [R]
 TOLERANCE_NOISE, LEAST_TOLERANCE, MOST_TOLERANCE = 6.0, 0.2, 0.5
-
-# -- tone --------------------------------------------------------------------------------------------------------------
-
-# Exponent of light by grey level of pictures that are coded: about that of sRGB (IEC 61966-2-1). Full white. [D]
-TONE, WHITE = 2.2, 255.0
-# Places along a segment where the grey level of its middle is looked up. [R]
-TONE_SAMPLES = 8
-# px: farthest that a tone curve shows two edges of one line beside each other. [D] Two shifts of edges of black, at a
-# blur of 1.3 px.
-REVERSED_APART = 2.0
-# px, sigma by which edges on one line lie beside each other, as in the estimate; share of those that only seem to be on
-# one. [M] Of the path traced pairs' pairs of segments about so many are on two.
-OUT_OF_LINE_SIGMA, OUT_OF_LINE = 0.1, 0.15
-# Sigma of the share of a coded picture's shift that is believed beforehand: none to all of it; and nats from which
-# there is some: twenty to one. [D]
-SHARE_SIGMA, CODED_LOG_ODDS = 0.5, 3.0

@@ -106,8 +106,7 @@ class DenseDisparity:
         left : Segments
         """
         share = (np.arange(DENSE_SAMPLES) + 0.5) / DENSE_SAMPLES
-        middle = left.start[:, None] + share[:, None] * (left.end - left.start)[:, None]
-        across = np.stack([-left.direction[:, 1], left.direction[:, 0]], axis=1)[:, None, None, None]
+        middle, across = left.places(DENSE_SAMPLES), left.normal[:, None, None, None]
         offsets = np.multiply.outer([-1.0, 1.0], DENSE_OFFSETS)[:, None, :, None] / self.scale
         height, width = self.disparity.shape
         beside = np.rint((middle[:, None, :, None] + offsets * across) * self.scale)
