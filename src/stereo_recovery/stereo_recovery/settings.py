@@ -24,8 +24,6 @@ LABELLING_SHARE, CURVES_SHARE, EDGES_SHARE = 0.4, 0.6, 0.8
 
 # -- tone --------------------------------------------------------------------------------------------------------------
 
-# Grey level: full white. [D]
-WHITE = 255.0
 # Places along a segment where the grey level of its middle is looked up. [R]
 TONE_SAMPLES = 8
 # px: farthest that a tone curve shows two edges of one line beside each other. [D] Two shifts of edges of black, at a
@@ -36,6 +34,18 @@ OUT_OF_LINE_SIGMA, OUT_OF_LINE = 0.1, 0.15
 # Sigma of the share of a coded picture's shift that is believed beforehand: none to all of it; and nats from which
 # there is some: twenty to one. [D]
 SHARE_SIGMA, CODED_LOG_ODDS = 0.5, 3.0
+# Sigma of that share about all of it where noise says that light is coded: of the blur that is told. [D]
+CODED_SHARE_SIGMA = 0.2
+
+# px: side of the tiles whose noise is told. [D] One value of a variance is told to a fifth by 64 pixels.
+PLAIN_TILE = 8
+# Tiles that are enough, bins of grey levels whose noise is told, and the fewest tiles of one. [D]
+MOST_TILES, TONE_LEVELS, FEWEST_TILES = 5000, 16, 30
+# Rank of the tiles of a level whose noise is that of the level; the rest has texture. [R]
+PLAINEST = 0.1
+# Sigma by which the logarithm of the noise of a level is told; share of levels that have texture everywhere; and mean
+# of its logarithm over that of noise. [P] calibrate_noise_levels.py
+NOISE_TOLD_SIGMA, TEXTURED_SHARE, MEAN_TEXTURE = 0.05, 0.3, 0.2
 
 # -- drawing -----------------------------------------------------------------------------------------------------------
 

@@ -7,6 +7,7 @@ and no disparity comes of it; of two that are not, lines along the rows are off 
 
 What a picture shows of it: where the bright side of one edge is the dark side of another on the same straight line, the
 two lie beside each other, by both shifts. How much of the shift of a coded picture there is, is told by all such pairs.
+And the noise of a coded picture is that of one: see :mod:`.noise_levels`.
 """
 
 from __future__ import annotations
@@ -27,9 +28,19 @@ from msgs_py.numeric.typed import FloatArray, IntArray
 from .detection.edgels import blur_variance
 from .detection.line_kernels import Lines
 from .detection.segments import Segments
+from .detection.settings import WHITE
 from .detection.splitting_kernels import continuations
 from .detection.view import View
-from .settings import CODED_LOG_ODDS, OUT_OF_LINE, OUT_OF_LINE_SIGMA, REVERSED_APART, SHARE_SIGMA, TONE_SAMPLES, WHITE
+from .noise_levels import nats_of_code, noise_by_level
+from .settings import (
+    CODED_LOG_ODDS,
+    CODED_SHARE_SIGMA,
+    OUT_OF_LINE,
+    OUT_OF_LINE_SIGMA,
+    REVERSED_APART,
+    SHARE_SIGMA,
+    TONE_SAMPLES,
+)
 
 # Of the shift of a coded picture, from none on.
 SHARES = np.linspace(0.0, 2.0, 101)
@@ -71,11 +82,13 @@ def in_light(views: Sequence[View], sigma: float) -> list[View]:
     list of View
         Their ellipses stay, with which fits of curves begin.
     """
-    found = spread(lambda view: reversals(view.segments), views)
-    if not any(len(pairs.offset) for pairs in found):
+    told = spread(lambda view: (reversals(view.segments), nats_of_code(noise_by_level(view.grey))), views)
+    found, noise = zip(*told)
+    if sum(noise) <= CODED_LOG_ODDS and not any(len(pairs.offset) for pairs in found):
         return list(views)
     shift = spread(lambda view: shift_in_code(view, sigma), views)
-    return [_moved(view, share * one) for view, share, one in zip(views, shares_of_code(found, shift), shift)]
+    shares = shares_of_code(found, shift, sum(noise))
+    return [_moved(view, share * one) for view, share, one in zip(views, shares, shift)]
 
 
 def _moved(view: View, shift: FloatArray) -> View:
@@ -172,7 +185,7 @@ def _coded_steps() -> tuple[FloatArray, FloatArray]:
     return ratio, np.column_stack([cumulants, [0.0, 1.0, 0.0]])
 
 
-def shares_of_code(found: Sequence[Reversals], shift: Sequence[FloatArray]) -> list[float]:
+def shares_of_code(found: Sequence[Reversals], shift: Sequence[FloatArray], noise: float = -math.inf) -> list[float]:
     """How much of the shift of coded pictures each picture shows; 0 where they might as well show none.
 
     Parameters
@@ -180,10 +193,12 @@ def shares_of_code(found: Sequence[Reversals], shift: Sequence[FloatArray]) -> l
     found : sequence of Reversals
     shift : sequence of (n,) float64
         See :func:`shift_in_code`, of all segments of each picture.
+    noise : float
+        Nats for coded light from the noise of all pictures, which are of cameras of one kind.
     """
     odds = np.array([_odds(pairs, one) for pairs, one in zip(found, shift)])
     told = [k for k, pairs in enumerate(found) if len(pairs.offset)]
-    together, alone = _believed(odds.sum(axis=0)), _believed(odds)
+    together, alone = _believed(odds.sum(axis=0), noise), _believed(odds)
     shares = [_likeliest(together)] * len(found)
     if len(told) > 1 and alone.max(axis=1).sum() - together.max() > CODED_LOG_ODDS * (len(told) - 1):
         for k in told:
@@ -201,9 +216,10 @@ def _odds(found: Reversals, shift: FloatArray) -> FloatArray:
     return np.asarray(np.log(chance).sum(axis=1))
 
 
-def _believed(odds: FloatArray) -> FloatArray:
-    """Nats (..., k) of pairs for each of SHARES, with what is believed beforehand."""
-    return np.asarray(odds - 0.5 * (SHARES / SHARE_SIGMA) ** 2)
+def _believed(odds: FloatArray, noise: float = -math.inf) -> FloatArray:
+    """Nats (..., k) of pairs for each of SHARES, with what is believed beforehand and what noise says."""
+    coded = noise - 0.5 * ((SHARES - 1.0) / CODED_SHARE_SIGMA) ** 2
+    return np.asarray(odds + np.logaddexp(-0.5 * (SHARES / SHARE_SIGMA) ** 2, coded))
 
 
 def _likeliest(odds: FloatArray) -> float:

@@ -17,6 +17,7 @@ from .settings import (
     CLEAR,
     FLANK_NOISE,
     HALF_WAY,
+    KERNEL_NORM,
     LAST_POSITION,
     LEAST_CURVATURE,
     LEAST_INTERPOLATED,
@@ -24,6 +25,8 @@ from .settings import (
     NOISE_STEP,
     POSITION_FACTOR,
     POSITION_FLOOR,
+    QUANTISATION_NOISE,
+    WHITE,
 )
 
 
@@ -374,3 +377,46 @@ def change_along_edges(gx: Float32Array, gy: Float32Array, tile: int) -> Float32
             rank = int(NOISE_RANK * n)
             out[row, column] = np.partition(values[:n], rank)[rank]
     return out
+
+
+@njit(nogil=True)
+def noise_of_tiles(grey: Float32Array, tile: int, every: int) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Noise of the tiles of an image, by the second difference, along columns, of the second difference along rows.
+
+    Parameters
+    ----------
+    grey : (h, w) float32, grey levels
+    tile : int
+        Pixels. Side of the tiles into which the image is cut.
+    every : int
+        Of the rows of tiles one in so many is looked at.
+
+    Returns
+    -------
+    level : (n,) float64, grey levels
+        Mean of each tile.
+    variance : (n,) float64, grey levels squared
+        Mean over the tile without its border.
+    clipped : (n,) bool
+        Whether any of its pixels is black or white.
+    """
+    columns = grey.shape[1] // tile
+    rows = (grey.shape[0] // tile + every - 1) // every
+    level, variance, clipped = np.zeros(rows * columns), np.zeros(rows * columns), np.zeros(rows * columns, np.bool_)
+    inside = (tile - 2) ** 2 * KERNEL_NORM**2
+    for k in range(rows * columns):
+        top, left = k // columns * every * tile, k % columns * tile
+        total, power = np.float32(0.0), np.float32(0.0)
+        for y in range(top, top + tile):
+            for x in range(left, left + tile):
+                value = grey[y, x]
+                total += value
+                clipped[k] |= value < QUANTISATION_NOISE or value > WHITE - QUANTISATION_NOISE
+        for y in range(top + 1, top + tile - 1):
+            for x in range(left + 1, left + tile - 1):
+                above = grey[y - 1, x - 1] - np.float32(2.0) * grey[y - 1, x] + grey[y - 1, x + 1]
+                here = grey[y, x - 1] - np.float32(2.0) * grey[y, x] + grey[y, x + 1]
+                below = grey[y + 1, x - 1] - np.float32(2.0) * grey[y + 1, x] + grey[y + 1, x + 1]
+                power += (above - np.float32(2.0) * here + below) ** 2
+        level[k], variance[k] = total / tile**2, power / inside
+    return level, variance, clipped

@@ -52,6 +52,8 @@ KERNEL_RADIUS = 4.0
 CAMERA_BLUR_VARIANCE = 1.0 / 12.0 + 0.25
 # Grey levels: least noise that is assumed; rounding to 8 bits has sigma 1/sqrt(12). [D]
 QUANTISATION_NOISE = 0.3
+# Grey level: full white. [D]
+WHITE = 255.0
 # px: position error that remains without noise, from sampling and uneven shading. [R]
 POSITION_FLOOR = 0.015
 # px: the same in pictures with one sample a pixel. [R] Such a picture is one whose steps have less variance beyond the
