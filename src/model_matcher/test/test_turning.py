@@ -7,13 +7,14 @@ import pytest
 
 from csg_renderer import Light, Scene, SolidOutline, model_features, parse_scene, render_stereo
 from csg_renderer.raycast.sensor import SensorModel, grey
-from model_matcher import index_model, match
+from model_matcher import MatchParams, index_model, match
 from model_matcher.geometry.pose_rows import as_motion, as_pose
 from model_matcher.image_pose.measurement import elsewhere, fitted, laid_on_steps, searched
 from model_matcher.image_pose.presence import bent, chance_beside, confirmations, crowded, log_ratio
 from model_matcher.image_pose.settings import FLANK, OTHERS_EDGES, REACH, SPACING, TONES
 from model_matcher.image_pose.sight import look
 from model_matcher.image_pose.views import Views
+from model_matcher.model.problem import make_problem
 from model_matcher.model.symmetry import Axis, about_axis
 from model_matcher.verification import image_evidence
 from model_matcher.verification.settings import STILL
@@ -107,6 +108,24 @@ def test_no_turn_is_looked_for_of_what_features_and_images_speak_against(pulley,
     monkeypatch.setattr(image_evidence, 'weigh_turned', lambda *given: calls.append(given) or own(*given))
     match(index, rims.transformed(pose), views=views)
     assert len(calls) == looks
+
+
+@pytest.mark.parametrize('degrees', [0.0, 40.0])
+def test_a_turn_that_one_feature_tells_is_asked_of_the_images(pulley, degrees):
+    """An edge of another object, beside a round one, may be where one of its own would be at another turn."""
+    index, shape, pose, views = pulley
+    index = index_model(index.features, 'pulley', shape)
+    round_ones = about_axis(index.rows, AXIS, index.size)
+    rims = index.features.select(np.flatnonzero(~np.isnan(index.rows[:, 7]) & round_ones))
+    edge = index.features.select(np.flatnonzero(np.isnan(index.rows[:, 7]) & ~round_ones)[:1])
+    turned = edge.transformed(pose.compose(AXIS.turn(np.radians(degrees))))
+    data = type(edge).concatenate([rims.transformed(pose), turned])
+    by_features = match(index, data).interpretations[0]
+    assert by_features.matched == len(data)
+    problem = make_problem(index, data, MatchParams())
+    found = image_evidence.accepted_by_images(problem, shape, [by_features], views, 0.0, Deadline()).accepted
+    assert len(found) == 1
+    assert pose.error_to(found[0].pose).rotation_deg < NEAR
 
 
 def test_no_turn_is_the_outline_as_it_is(pulley):

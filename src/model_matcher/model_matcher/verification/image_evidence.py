@@ -332,20 +332,34 @@ def _with_turns(
     deadline: Deadline,
     claimed: Sequence[Presence],
 ) -> list[Weighed]:
-    """The hypotheses, the best of those that leave a turn free at the turn that the images show most of.
+    """The hypotheses, the best of those that leave a turn open at the turn that the images show most of.
 
     What is round has its edges at any turn: one that another holds, of ``claimed``, has no turn to be looked for, nor
-    has one that features and images together speak against.
+    has one that features and images together speak against. A turn that one feature tells is open, too: it may be
+    another object's.
     """
     weighed = sorted(weighed, key=lambda one: -one.evidence)
-    open_ones = [k for k, one in enumerate(weighed) if one.hypothesis.free_turn is not None and one.evidence > 0.0]
-    for k in open_ones[:TURNED]:
-        axis = _free_axis(problem.index, weighed[k].hypothesis)
+    axes = {k: _open_axis(problem.index, one.hypothesis) for k, one in enumerate(weighed) if one.evidence > 0.0}
+    for k in [k for k, axis in axes.items() if axis is not None][:TURNED]:
+        axis, told = axes[k], weighed[k].hypothesis.free_turn is None
         if axis is None or axis_of_revolution(problem.index) is not None or deadline.passed:
             continue
         if not compete([weighed[k].shown], claimed):
-            weighed[k] = weigh_turned(problem, shape, weighed[k], axis, views, deadline)
+            turned = weigh_turned(problem, shape, weighed[k], axis, views, deadline)
+            weighed[k] = turned if not told or turned.evidence > weighed[k].evidence else weighed[k]
     return weighed
+
+
+def _open_axis(index: ModelIndex, hypothesis: Interpretation) -> Axis | None:
+    """The axis that all matched features of a model are about, but for one of three or more; None where there is none.
+
+    Of two features each is about an axis of its own.
+    """
+    free, rows = _free_axis(index, hypothesis), np.flatnonzero(np.isin(index.source, _matched(hypothesis)))
+    if free is not None or len(rows) < 3:
+        return free
+    others = (common_axis(np.delete(index.rows[rows], k, axis=0), index.size) for k in range(len(rows)))
+    return next((axis for axis in others if axis is not None), None)
 
 
 def _free_axis(index: ModelIndex, hypothesis: Interpretation) -> Axis | None:
