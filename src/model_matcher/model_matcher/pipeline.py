@@ -168,7 +168,8 @@ def _match_hypotheses(
         begin = parts[-1][1].pairs if parts else 0
         found = _search(problem, pairs, partners, begin, (least, PATIENCE.most), searching)
         # Edges among themselves are many: they are asked when nothing else has brought an answer.
-        tried = search_all_parallel(problem, bool(parts), Candidates(found.motions, found.scores), searching)
+        seen = views is not None and index.shape is not None
+        tried = search_all_parallel(problem, bool(parts), Candidates(found.motions, found.scores), searching, seen)
         few = kept(found.scores)
         found = found._replace(
             motions=found.motions[:few], scores=found.scores[:few], hypotheses=found.hypotheses + tried

@@ -15,7 +15,7 @@ from model_matcher.image_pose.settings import FLANK, OTHERS_EDGES, REACH, SPACIN
 from model_matcher.image_pose.sight import look
 from model_matcher.image_pose.views import Views
 from model_matcher.model.problem import make_problem
-from model_matcher.model.symmetry import Axis, about_axis
+from model_matcher.model.symmetry import Axis, about_axis, symmetries
 from model_matcher.verification import image_evidence
 from model_matcher.verification.settings import STILL
 from model_matcher.verification.turning import _moves, best_turn, laid_without_turn, likeliest_turns, ratios
@@ -126,6 +126,22 @@ def test_a_turn_that_one_feature_tells_is_asked_of_the_images(pulley, degrees):
     found = image_evidence.accepted_by_images(problem, shape, [by_features], views, 0.0, Deadline()).accepted
     assert len(found) == 1
     assert pose.error_to(found[0].pose).rotation_deg < NEAR
+
+
+def test_one_rim_is_enough_where_images_tell_the_rest(pulley):
+    """Of a dark part often no more is found."""
+    index, shape, pose, views = pulley
+    index = index_model(index.features, 'pulley', shape)
+    rims = index.features.select(np.flatnonzero(~np.isnan(index.rows[:, 7]) & about_axis(index.rows, AXIS, index.size)))
+    facing = rims.start[:, 2] > 0.02
+    for one in np.flatnonzero(facing):
+        data = rims.select([one]).transformed(pose)
+        assert not match(index, data).interpretations
+        found = match(index, data, views=views).interpretations
+        assert len(found) == 1
+        # Turned over it is the same.
+        equal = [pose, *(pose.compose(motion) for motion in symmetries(index))]
+        assert min(one.error_to(found[0].pose).rotation_deg for one in equal) < NEAR
 
 
 def test_no_turn_is_the_outline_as_it_is(pulley):

@@ -2,7 +2,8 @@
 
 A peg or a can shows two rims and an axis, a flange nothing but rims: all their normals are parallel. Such a pair fixes
 a pose, or all of it but the turn about their common axis (parallel_pairs.py). Pairs with a curve or an axis among them
-are few and always tried; pairs of edges are many, and fix a pose only where they are seen whole.
+are few and always tried; pairs of edges are many, and fix a pose only where they are seen whole. One curve alone fixes
+all but the turn about its axis: that of a solid of revolution needs no other, and of other models images tell the turn.
 """
 
 from __future__ import annotations
@@ -37,7 +38,9 @@ from .settings import ALL_PAIRED, EDGE_HYPOTHESES
 EDGE = int(FeatureKind.EDGE)
 
 
-def search_all_parallel(problem: Problem, edges: bool, candidates: Candidates, deadline: Deadline) -> int:
+def search_all_parallel(
+    problem: Problem, edges: bool, candidates: Candidates, deadline: Deadline, images: bool = False
+) -> int:
     """Try the parallel data pairs of a problem while there is time.
 
     Parameters
@@ -50,6 +53,8 @@ def search_all_parallel(problem: Problem, edges: bool, candidates: Candidates, d
         Changed in place.
     deadline : Deadline
         When it has passed, no block of pairs begins but the first.
+    images : bool
+        Whether images are at hand to tell the turn about the one curve that was found of a model.
 
     Returns
     -------
@@ -61,8 +66,9 @@ def search_all_parallel(problem: Problem, edges: bool, candidates: Candidates, d
     if edges:
         may &= seen_whole(data, model)
     pairs = _data_pairs(problem, may, edges)
-    if not edges and axis_of_revolution(index) is not None:
-        alone = np.flatnonzero(may.any(axis=1)).astype(np.int32)
+    is_round = axis_of_revolution(index) is not None
+    if not edges and (is_round or images):
+        alone = np.flatnonzero(may.any(axis=1) & (is_round | (data.kind == CURVE))).astype(np.int32)
         pairs = np.concatenate([pairs, np.stack([alone, alone], axis=1)])
     state = np.zeros(1, np.int64)
     most = EDGE_HYPOTHESES if edges else np.inf
