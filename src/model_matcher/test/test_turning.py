@@ -9,7 +9,7 @@ from csg_renderer import Light, Scene, SolidOutline, model_features, parse_scene
 from csg_renderer.raycast.sensor import SensorModel, grey
 from model_matcher import MatchParams, index_model, match
 from model_matcher.geometry.pose_rows import as_motion, as_pose
-from model_matcher.image_pose.measurement import elsewhere, fitted, laid_on_steps, searched
+from model_matcher.image_pose.measurement import elsewhere, fitted, laid_on_steps, presence, searched
 from model_matcher.image_pose.presence import bent, chance_beside, confirmations, crowded, log_ratio
 from model_matcher.image_pose.settings import FLANK, OTHERS_EDGES, REACH, SPACING, TONES
 from model_matcher.image_pose.sight import look
@@ -34,17 +34,23 @@ NEAR = np.degrees(1.5 / (0.017 * 800.0 / 0.6))
 RIG = StereoRig.symmetric(PinholeCamera.centred(640, 480, 800.0), 0.1)
 
 
-@pytest.fixture(scope='module')
-def pulley():
-    """The model, its outline, its pose, and two pictures of it."""
-    solid = parse_scene(PULLEY).solids[0]
+def pictures(solid):
+    """Two pictures of a solid in the model's frame, and its pose in them."""
     pose = Pose.from_rotation_vector([2.6, 0.4, 0.3])
     pose = Pose(pose.rotation, np.array([0.05, 0.0, 0.6]))
     lights = [Light((0.3, -0.5, 0.2), (0.8,) * 3), Light((-0.5, -0.2, -0.3), (0.3,) * 3)]
     scene = Scene([solid.transformed(pose)], lights, (0.2,) * 3, (0.4,) * 3)
     frames = render_stereo(scene, RIG, antialias=4)
     images = [SensorModel(0.5, 2.0, (1, eye)).apply(grey(frame.image)) for eye, frame in enumerate(frames)]
-    return index_model(model_features(solid), 'pulley'), SolidOutline(solid), pose, Views.of(images, RIG)
+    return Views.of(images, RIG), pose
+
+
+@pytest.fixture(scope='module')
+def pulley():
+    """The model, its outline, its pose, and two pictures of it."""
+    solid = parse_scene(PULLEY).solids[0]
+    views, pose = pictures(solid)
+    return index_model(model_features(solid), 'pulley'), SolidOutline(solid), pose, views
 
 
 @pytest.mark.parametrize('degrees', [10.0, 77.0, 180.0, 231.0, 303.0])
@@ -142,6 +148,28 @@ def test_one_rim_is_enough_where_images_tell_the_rest(pulley):
         # Turned over it is the same.
         equal = [pose, *(pose.compose(motion) for motion in symmetries(index))]
         assert min(one.error_to(found[0].pose).rotation_deg for one in equal) < NEAR
+
+
+def test_a_rim_alone_is_none_of_the_model(pulley):
+    """It is seen where it was found, whatever it is the rim of."""
+    index, shape, pose, _ = pulley
+    ring = parse_scene('UNITS MM; ring = CYLINDER (44, 0, 0, 24) DIFFERENCE CYLINDER (40, 0, 0, 23); DRAW ring;')
+    views, _ = pictures(ring.solids[0])
+    index = index_model(index.features, 'pulley', shape)
+    rims = index.features.select(np.flatnonzero(index.features.radii[:, 0] > 0.04))
+    for one in range(len(rims)):
+        assert not match(index, rims.select([one]).transformed(pose), views=views).interpretations
+
+
+def test_a_rim_is_no_second_witness_of_itself(pulley):
+    index, shape, pose, views = pulley
+    index = index_model(index.features, 'pulley', shape)
+    rims = index.features.select(np.flatnonzero(index.features.radii[:, 0] > 0.04)).transformed(pose)
+    for some in (rims.select([0]), rims):
+        found = match(index, some, views=views).interpretations[0]
+        one = image_evidence.Weighed(found, as_motion(found.pose), presence(shape, found.pose, views))
+        told = image_evidence._told_once(index, one, views, 0.0)
+        assert (told.evidence < one.evidence) == (len(some) == 1)
 
 
 def test_no_turn_is_the_outline_as_it_is(pulley):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from csg_renderer.visibility.outline import OutlinePoints
 from msgs_py import PinholeCamera, Pose
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import FloatArray, Int32Array
+from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array
 
 from ..geometry.pose_rows import as_motion
 from ..geometry.rigid_motion import Motion, rotate, transform
@@ -69,6 +69,11 @@ class Sight:
 
     def __len__(self) -> int:
         return len(self.spacing)
+
+    def select(self, index: BoolArray) -> Sight:
+        """Some of the points, (n,) bool."""
+        parts = (getattr(self, part.name)[index] for part in fields(self)[1:])
+        return Sight(Placed(*(getattr(self.placed, name)[index] for name in Placed._fields)), *parts)
 
     def rows(self, eye: int) -> slice:
         """The points of one view."""

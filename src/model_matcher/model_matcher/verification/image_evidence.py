@@ -58,6 +58,8 @@ class Weighed:
         What they show of its faces; None where that was not asked.
     rivals : tuple of Weighed
         Other poses of the same data, of which the images show less.
+    twice : float
+        Nats of the images that repeat what the features have told.
     """
 
     hypothesis: Interpretation
@@ -65,11 +67,12 @@ class Weighed:
     shown: Presence
     surface: tuple[Agreement, ...] | None = None
     rivals: tuple[Weighed, ...] = ()
+    twice: float = 0.0
 
     @property
     def evidence(self) -> float:
         """Nats, of features and images together."""
-        nats = self.hypothesis.evidence, self.shown.log_ratio, log_ratio(self.surface or ())
+        nats = self.hypothesis.evidence, self.shown.log_ratio - self.twice, log_ratio(self.surface or ())
         return float(np.dot(IMAGE_EVIDENCE, nats))
 
 
@@ -250,7 +253,8 @@ def accepted_by_images(
     weighed, rejected = _all_weighed(problem, shape, hypotheses, views, needed, deadline)
     weighed = _with_turns(problem, shape, weighed, views, deadline, claimed)
     every = [each for one in weighed for each in (one, *one.rivals)]
-    weighed = [_with_surface(shape, one, views, needed) for one in every]
+    told = [_told_once(problem.index, one, views, needed) for one in every]
+    weighed = [_with_surface(shape, one, views, needed) for one in told]
     accepted: list[Interpretation] = []
     taken: list[Weighed] = []
     refused = []
@@ -368,6 +372,17 @@ def _free_axis(index: ModelIndex, hypothesis: Interpretation) -> Axis | None:
     return common_axis(index.rows[rows], index.size)
 
 
+def _told_once(index: ModelIndex, one: Weighed, views: Views, needed: float) -> Weighed:
+    """A hypothesis from one feature of what is not round: that is in the images, too, whatever it is a feature of.
+
+    The turn, and with it what the object is, all else has to tell.
+    """
+    if one.evidence < needed or one.hypothesis.matched != 1 or axis_of_revolution(index) is not None:
+        return one
+    others = ~np.isin(one.shown.sight.feature, _matched(one.hypothesis))
+    return replace(one, twice=one.shown.log_ratio - shown(one.shown.sight.select(others), views)[0].log_ratio)
+
+
 def _with_surface(shape: Shape, one: Weighed, views: Views, needed: float) -> Weighed:
     """A hypothesis with what the images show of its surface, where that is likely to decide."""
     if one.evidence + DECISIVE < needed:
@@ -403,10 +418,12 @@ def _seen_whole(shown: Presence) -> IntArray:
 
 
 def _rivals(index: ModelIndex, one: Weighed, weighed: Sequence[Weighed]) -> list[Weighed]:
-    """Hypotheses at other poses that explain the same data and images, none much worse, the best first."""
+    """Hypotheses at other poses that explain the same data or edges of images, none much worse, the best first."""
     found: list[Weighed] = []
     for other in sorted(weighed, key=lambda each: -each.evidence):
-        if not 0.0 <= one.evidence - other.evidence <= DECISIVE or not _shares_data(other.hypothesis, one.hypothesis):
+        if not 0.0 <= one.evidence - other.evidence <= DECISIVE:
+            continue
+        if not (_shares_data(other.hypothesis, one.hypothesis) or compete([other.shown], [one.shown])):
             continue
         poses = [as_pose(each.motion) for each in (one, *found)]
         if all(apart(index, pose, as_pose(other.motion)) > SAME_POSE for pose in poses):
