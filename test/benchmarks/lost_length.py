@@ -53,6 +53,7 @@ def traced(recover: Callable[[], Any]) -> tuple[Any, Trace | None]:
     with (
         _watched(view_module, 'split', seen, lambda given, _: given[0].edgels),
         _watched(pipeline, 'detect_views', seen, lambda _, out: out),
+        _watched(pipeline, 'in_light', seen, lambda _, out: out),
         _watched(labelling, '_labelling', seen, lambda given, out: (given[0], out)),
         _watched(pipeline, 'is_edge', seen, lambda given, out: (given, out)),
     ):
@@ -65,7 +66,9 @@ def traced(recover: Callable[[], Any]) -> tuple[Any, Trace | None]:
     game, out = seen['_labelling'][-1]
     (lines, in_space, segments, *_), kept = seen['is_edge'][-1]
     wide = ~selection.has_direction(in_space)
-    weighed = views[0].matchable, views[1].matchable
+    # Where edges are in light decides which of them are worth matching.
+    in_light = seen['in_light'][0]
+    weighed = in_light[0].matchable, in_light[1].matchable
     return result, Trace(chains, weighed, game, game[out.chosen], lines, segments, kept, wide)
 
 
