@@ -113,13 +113,13 @@ def nats_of_code(noise: NoiseByLevel) -> float:
 
     Examples
     --------
-    Noise of the same electrons, as it is and by the root of light:
+    Noise that grows with the level is that of light, noise that falls with it of light that is coded:
 
     >>> level = np.linspace(20.0, 240.0, 12)
     >>> round(nats_of_code(NoiseByLevel(level, 0.1 * np.sqrt(level + 50.0))))
-    -7
+    -69
     >>> round(nats_of_code(NoiseByLevel(level, 1.0 + 40.0 / level)))
-    13
+    15
     """
     return log_likelihood(noise, True) - log_likelihood(noise, False)
 
