@@ -343,14 +343,15 @@ def _with_turns(
     another object's.
     """
     weighed = sorted(weighed, key=lambda one: -one.evidence)
-    axes = {k: _open_axis(problem.index, one.hypothesis) for k, one in enumerate(weighed) if one.evidence > 0.0}
-    for k in [k for k, axis in axes.items() if axis is not None][:TURNED]:
-        axis, told = axes[k], weighed[k].hypothesis.free_turn is None
-        if axis is None or axis_of_revolution(problem.index) is not None or deadline.passed:
-            continue
-        if not compete([weighed[k].shown], claimed):
-            turned = weigh_turned(problem, shape, weighed[k], axis, views, deadline)
-            weighed[k] = turned if not told or turned.evidence > weighed[k].evidence else weighed[k]
+    if axis_of_revolution(problem.index) is not None:
+        return weighed
+    axes = [_open_axis(problem.index, one.hypothesis) if one.evidence > 0.0 else None for one in weighed]
+    for k, axis in [(k, axis) for k, axis in enumerate(axes) if axis is not None][:TURNED]:
+        one = weighed[k]
+        if not deadline.passed and not compete([one.shown], claimed):
+            turned = weigh_turned(problem, shape, one, axis, views, deadline)
+            if one.hypothesis.free_turn is not None or turned.evidence > one.evidence:
+                weighed[k] = turned
     return weighed
 
 
@@ -359,17 +360,20 @@ def _open_axis(index: ModelIndex, hypothesis: Interpretation) -> Axis | None:
 
     Of two features each is about an axis of its own.
     """
-    free, rows = _free_axis(index, hypothesis), np.flatnonzero(np.isin(index.source, _matched(hypothesis)))
-    if free is not None or len(rows) < 3:
-        return free
-    others = (common_axis(np.delete(index.rows[rows], k, axis=0), index.size) for k in range(len(rows)))
-    return next((axis for axis in others if axis is not None), None)
+    rows = _matched_rows(index, hypothesis)
+    but_one = [np.delete(rows, k, axis=0) for k in range(len(rows))] if len(rows) > 2 else []
+    axes = (common_axis(some, index.size) for some in (rows, *but_one))
+    return next((axis for axis in axes if axis is not None), None)
 
 
 def _free_axis(index: ModelIndex, hypothesis: Interpretation) -> Axis | None:
     """The axis that all matched features of a model are about; None where they leave no turn free."""
-    rows = np.flatnonzero(np.isin(index.source, _matched(hypothesis)))
-    return common_axis(index.rows[rows], index.size)
+    return common_axis(_matched_rows(index, hypothesis), index.size)
+
+
+def _matched_rows(index: ModelIndex, hypothesis: Interpretation) -> FloatArray:
+    """(m, 9) rows of the features of a model that data was matched to."""
+    return np.asarray(index.rows[np.isin(index.source, _matched(hypothesis))], np.float64)
 
 
 def _told_once(index: ModelIndex, one: Weighed, views: Views, needed: float) -> Weighed:
