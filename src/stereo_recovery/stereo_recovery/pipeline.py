@@ -18,6 +18,7 @@ from msgs_py.numeric.typed import AnyArray, Float32Array
 from .cameras.pairs import CameraPair, camera_pair, main_pairs
 from .curves import fit_kernels
 from .curves.axes import axis_features
+from .curves.coaxial_starts import agreed
 from .curves.curve import Curve, CurveShape, curve_features
 from .curves.curved_shapes import CurvedShapes, recover_curved_shapes
 from .curves.observations import StereoEdgels
@@ -507,8 +508,11 @@ def compile_steps() -> tuple[CompileStep, ...]:
         same_contrast(contrast_across(grey, np.zeros(2), np.ones(2)), 1.0)
         seen = StereoEdgels(view.edgels, view.edgels, rig, 1.0).seen
         x, _, z = np.eye(3)
+        agreed(np.zeros((2, 2)), np.ones((2, 2)), np.array([False, True]), 1.0)
         circle = fit_kernels.moved(CurveShape(z, z, x, np.ones(2)), np.zeros(8), True)
-        fit_kernels.residuals(circle, seen, np.zeros(1, np.int64), np.empty(1), np.empty(1), np.empty((0, 0)))
+        first = np.zeros(1, np.int64)
+        fit_kernels.residuals(circle, seen, first, np.empty(1), np.empty(1), np.empty((0, 0)))
+        fit_kernels.recovered(circle, seen, first)
 
     return (
         CompileStep('edges of one image', one_image),

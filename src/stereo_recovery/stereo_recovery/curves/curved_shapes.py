@@ -57,9 +57,10 @@ class CurvedShapes:
             Ends, metres, and their covariance.
         edgels : StereoEdgels
         """
-        placed = [VagueCurve(in_face(curve, *edges), arcs) for curve, arcs in self.vague]
-        more, rest = determined(sorted(placed, key=lambda each: relative_sigma(each.curve)), self.curves)
-        parallel = [VagueCurve(held(curve, more), arcs) for curve, arcs in rest]
+        faces = [in_face(curve, *edges) for curve, _, _ in self.vague]
+        vague = [VagueCurve(new, arcs, placed or new is not old) for new, (old, arcs, placed) in zip(faces, self.vague)]
+        more, rest = determined(sorted(vague, key=lambda each: relative_sigma(each.curve)), self.curves)
+        parallel = [VagueCurve(held(curve, more), arcs, placed) for curve, arcs, placed in rest]
         more += determined(parallel, [*self.curves, *more])[0]
         return distinct([*self.reported, *without_spheres(more, edgels)])
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from msgs_py.numeric.settings import BOUND_SIGMA
 from msgs_py.numeric.typed import FloatArray, IntArray
 
 from . import fit_kernels, settings
@@ -63,6 +64,11 @@ def distances(curve: Curve, edgels: StereoEdgels, index: IntArray) -> FloatArray
 def is_determined(curve: Curve) -> bool:
     """Whether a curve is known well enough to be a feature and to explain edgels."""
     return relative_sigma(curve) < settings.DETERMINED_SIGMA
+
+
+def has_size(curve: Curve) -> bool:
+    """Whether the size and the plane of a curve are known at all, up to three sigma."""
+    return BOUND_SIGMA * relative_sigma(curve) < 1.0
 
 
 def bounds_surface(curve: Curve) -> bool:

@@ -13,6 +13,7 @@ from ..detection.segments import Segments
 from ..matching.matches import Matches
 from . import settings
 from .curve import Curve
+from .observations import StereoEdgels
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +36,10 @@ class ArcPair:
     ellipses: list[tuple[Ellipse, bool]]
     samples: FloatArray
     is_pair: bool
+
+    def index(self, edgels: StereoEdgels) -> IntArray:
+        """(k + m,) int64: the edgels by their numbers in ``edgels.seen``."""
+        return np.concatenate([self.edgels[0], self.edgels[1] + len(edgels.left)])
 
     def shares_on(self, curve: Curve) -> tuple[float, float]:
         """Share of the edgels in either image that belong to a curve."""

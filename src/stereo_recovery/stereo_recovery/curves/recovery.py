@@ -17,19 +17,32 @@ from ..detection.conics import Ellipse
 from ..detection.segments import Segments
 from ..matching.matches import Matches
 from ..stopwatch import Late, never
-from . import settings, start_kernels
-from .axis_constraint import held
+from . import fit_kernels, settings, start_kernels
+from .axis_constraint import held, in_plane, is_coaxial
+from .coaxial_starts import coaxial_starts
 from .curve import Curve
-from .fit import is_determined, of_fit
+from .fit import bounds_surface, has_size, is_determined, of_fit
 from .initialisation import ArcPair, arc_pairs
 from .observations import StereoEdgels
 
+NO_SAMPLES = np.zeros((0, 3))
+
 
 class VagueCurve(NamedTuple):
-    """A curve whose own edgels do not determine it, and the arcs that show it."""
+    """A curve whose own edgels do not determine it.
+
+    Attributes
+    ----------
+    curve : Curve
+    arcs : ArcPair
+        Which show it.
+    placed : bool
+        Whether it lies in the plane of known ones, by odds that chance does not give.
+    """
 
     curve: Curve
     arcs: ArcPair
+    placed: bool = False
 
 
 def recover_curves(
@@ -42,8 +55,8 @@ def recover_curves(
     """All planar curves of a pair; none shares half of its edgels with another one that was found before.
 
     First come those that their own edgels determine, by falling number of edgels, first of arcs in both images, then of
-    arcs that only one image shows. In the end curves take the axis or the normal of better known ones, and those count
-    that are determined then.
+    arcs that only one image shows, then of what lies on the axes of these. In the end curves take the axis, the plane
+    or the normal of better known ones, and those count that are determined then.
 
     Parameters
     ----------
@@ -81,24 +94,53 @@ def recover_curves(
                 vague.append(VagueCurve(curve, pair))
         found += new
         pairs = [pair for pair in pairs if not _is_explained(pair, new)]
+    found += _on_known_axes(found, segments, edgels, late)
     known = list(found)
     if vague and late():
         vague = []
-    more, vague = determined([VagueCurve(held(curve, known), pair) for curve, pair in vague], found)
+    placed = [in_plane(curve, known) for curve, _, _ in vague]
+    vague = [VagueCurve(held(new, known), arcs, new is not old) for new, (old, arcs, _) in zip(placed, vague)]
+    more, vague = determined(vague, found)
     return [held(curve, known) for curve in found] + more, vague
 
 
 def determined(vague: Sequence[VagueCurve], found: Sequence[Curve]) -> tuple[list[Curve], list[VagueCurve]]:
-    """Those of some curves that are known well enough, without what others explain, and the rest."""
+    """Those of some curves that are known well enough, without what others explain, and the rest.
+
+    What lies in a known plane is there, so that its size need not be known better than to be one.
+    """
     more: list[Curve] = []
     left = []
-    for curve, pair in vague:
-        if not _is_explained(pair, [*found, *more]):
-            if is_determined(curve):
-                more.append(curve)
+    for each in vague:
+        if not _is_explained(each.arcs, [*found, *more]):
+            if is_determined(each.curve) or (each.placed and has_size(each.curve)):
+                more.append(each.curve)
             else:
-                left.append(VagueCurve(curve, pair))
+                left.append(each)
     return more, left
+
+
+def _on_known_axes(
+    found: Sequence[Curve], segments: tuple[Segments, Segments], edgels: StereoEdgels, late: Late
+) -> list[Curve]:
+    """Further curves on the axes of some, that their own edgels determine."""
+    more: list[Curve] = []
+    axes: list[Curve] = []
+    left, right = (np.logical_or.reduce([getattr(c, side) for c in found]) for side in ('left', 'right'))
+    for known in sorted(filter(bounds_surface, found), key=lambda curve: curve.tilt):
+        if late() or not known.is_circle or any(is_coaxial(axis, known) for axis in axes):
+            continue
+        axes.append(known)
+        for start, near in coaxial_starts(known, segments, (left, right), edgels):
+            masks = edgels.masks(near)
+            arcs = ArcPair((np.flatnonzero(masks[0] & ~left), np.flatnonzero(masks[1] & ~right)), [], NO_SAMPLES, True)
+            if min(len(side) for side in arcs.edgels) < settings.LEAST_CURVE_EDGELS:
+                continue
+            curve = of_fit(fit_kernels.recovered(start, edgels.seen, arcs.index(edgels)), edgels)
+            if curve is not None and is_determined(curve) and is_coaxial(known, curve) and _is_clear(curve, arcs):
+                more.append(curve)
+                left, right = left | curve.left, right | curve.right
+    return more
 
 
 def _is_explained(pair: ArcPair, curves: Iterable[Curve]) -> bool:
@@ -123,7 +165,6 @@ def _free_curve(pair: ArcPair, edgels: StereoEdgels) -> Curve | None:
     """The curve that a pair of arcs shows."""
     if min(len(side) for side in pair.edgels) < settings.LEAST_CURVE_EDGELS or len(pair.samples) == 0:
         return None
-    index = np.concatenate([pair.edgels[0], pair.edgels[1] + len(edgels.left)])
     conics = np.stack([ellipse.conic for ellipse, _ in pair.ellipses])
     sides = np.array([int(is_right) for _, is_right in pair.ellipses])
-    return of_fit(start_kernels.free_curve(conics, sides, pair.samples, index, edgels.seen), edgels)
+    return of_fit(start_kernels.free_curve(conics, sides, pair.samples, pair.index(edgels), edgels.seen), edgels)

@@ -45,6 +45,9 @@ DISPARITY_SCALE = 0.5
 SLOPE_RIDGE = 1e-1
 # Cosine between normals from which two planes are one (5.7 degrees).
 SAME_PLANE_COSINE = 0.995
+# Circles on the axis of a known one: they are looked for within so many of its radii, and so many places are tried.
+COAXIAL_REACH = 4.0
+MOST_STARTS = 8
 
 # ---- One curve (fit_kernels, recovery) -------------------------------------------------------------------------------
 # Times that a curve is refitted to its inliers, at most.
