@@ -7,12 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.settings import BOUND_SIGMA
 from msgs_py.numeric.typed import FloatArray
 
 from . import fit_kernels, settings
 from .agreement import agrees
 from .curve import Curve, CurveShape
+from .settings import TURNED_SIGMA
 
 
 def off_axis_and_plane(known: Curve, curve: Curve) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -33,20 +35,38 @@ def off_axis_and_plane(known: Curve, curve: Curve) -> tuple[FloatArray, FloatArr
     covariance : (5, 5) float64
         Of ``off`` by all that is uncertain: both curves, and how exactly parts of one thing are turned.
     """
-    across, run = np.stack([known.first, known.second]), curve.centre - known.centre
-    sign = 1.0 if known.normal @ curve.normal >= 0.0 else -1.0
-    off = np.concatenate([sign * (across @ curve.normal), across @ run, [run @ known.normal]])
-    slope, of_known = np.zeros((5, 6)), np.zeros((5, 6))
-    slope[:2, 3], slope[:2, 4] = sign * (across @ curve.second), -sign * (across @ curve.first)
-    slope[2:4, :3], slope[4, :3] = across, known.normal
+    return _offsets(known.shape, _contiguous(known.covariance), curve.shape, _contiguous(curve.covariance))
+
+
+@njit
+def _offsets(
+    known: CurveShape, of_known: FloatArray, curve: CurveShape, of_curve: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The same of shapes and their covariances (6, 6)."""
+    second, run = np.cross(known.normal, known.first), curve.centre - known.centre
+    own_second = np.cross(curve.normal, curve.first)
+    sign = 1.0 if (known.normal * curve.normal).sum() >= 0.0 else -1.0
+    radius, away = known.radii[0], (run * run).sum()
+    variance = np.array([1.0, 1.0, radius**2, radius**2, away]) * TURNED_SIGMA**2
+    off, slope, known_slope = np.empty(5), np.zeros((5, 6)), np.zeros((5, 6))
     # A tilt of the known curve turns its axis about its centre, and its plane.
-    of_known[0, 4], of_known[1, 3] = 1.0, -1.0
-    of_known[2:4, 3:5] = off[4] * of_known[:2, 3:5]
-    of_known[4, 3], of_known[4, 4] = off[3], -off[2]
-    of_known[2:, :3] = -slope[2:, :3]
-    radius = known.radii[0]
-    turned = settings.TURNED_SIGMA**2 * np.array([1.0, 1.0, radius**2, radius**2, run @ run])
-    return off, slope, of_known @ known.covariance @ of_known.T + slope @ curve.covariance @ slope.T + np.diag(turned)
+    known_slope[0, 4], known_slope[1, 3] = 1.0, -1.0
+    off[4] = (run * known.normal).sum()
+    for k in range(2):
+        across = known.first if k == 0 else second
+        off[k], off[2 + k] = sign * (across * curve.normal).sum(), (across * run).sum()
+        slope[k, 3], slope[k, 4] = sign * (across * own_second).sum(), -sign * (across * curve.first).sum()
+        slope[2 + k, :3], known_slope[2 + k, :3] = across, -across
+        known_slope[2 + k, 3:5] = off[4] * known_slope[k, 3:5]
+    slope[4, :3], known_slope[4, :3] = known.normal, -known.normal
+    known_slope[4, 3], known_slope[4, 4] = off[3], -off[2]
+    covariance = known_slope @ of_known @ known_slope.T + slope @ of_curve @ slope.T + np.diag(variance)
+    return off, slope, covariance
+
+
+def _contiguous(covariance: FloatArray) -> FloatArray:
+    """As compiled functions take it."""
+    return np.ascontiguousarray(covariance, dtype=np.float64)
 
 
 def is_coaxial(known: Curve, curve: Curve) -> bool:
@@ -73,11 +93,11 @@ def held(curve: Curve, known: Sequence[Curve]) -> Curve:
     -------
     Curve
     """
-    better = _better(curve, known)
+    offsets = [off_axis_and_plane(other, curve) for other in _better(curve, known)]
     # All four numbers of an axis, else the two of its direction.
     for numbers in (4, 2):
-        for other in better:
-            off, slope, covariance = (part[:numbers] for part in off_axis_and_plane(other, curve))
+        for parts in offsets:
+            off, slope, covariance = (part[:numbers] for part in parts)
             if agrees(off, covariance[:, :numbers]):
                 return updated(curve, off, slope, covariance[:, :numbers])
     return curve

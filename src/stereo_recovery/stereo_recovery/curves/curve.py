@@ -147,7 +147,7 @@ class Curve:
         moved[3:, 3], moved[3:, 4] = self.second, -self.first
         return np.asarray(moved @ self.covariance[:5, :5] @ moved.T)
 
-    @property
+    @cached_property
     def shape(self) -> CurveShape:
         """Centre, normal, first and radii as the compiled functions take them."""
         parts = (self.centre, self.normal, self.first, self.radii)

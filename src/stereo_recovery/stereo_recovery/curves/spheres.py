@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.settings import BOUND_SIGMA, NOT_ZERO
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
@@ -17,8 +18,10 @@ from . import settings
 from .agreement import agrees
 from .curve import CameraView, Curve
 from .fit import distances
+from .fit_kernels import solve
 from .inlier_kernels import on_conic
-from .observations import EdgelMasks, StereoEdgels
+from .observations import EdgelMasks, Seen, StereoEdgels
+from .settings import ROUNDS
 
 
 def without_spheres(curves: list[Curve], edgels: StereoEdgels) -> list[Curve]:
@@ -55,38 +58,72 @@ def _sphere(curve: Curve, edgels: StereoEdgels) -> FloatArray | None:
     index = np.flatnonzero(np.concatenate([curve.left, curve.right]))
     if len(index) == 0 or abs(curve.normal @ middle) < settings.FACING_COSINE * np.linalg.norm(middle):
         return None
-    sigma, sphere = edgels.seen.sigma[index], np.append(curve.centre, curve.radii.mean())
-    for _ in range(settings.ROUNDS):
-        off, rows = _distances(sphere, edgels, index)
-        weight = 1.0 / (sigma**2 + (off / CAUCHY) ** 2)
-        sphere = sphere - np.linalg.lstsq(rows.T @ (weight[:, None] * rows), rows.T @ (weight * off), rcond=None)[0]
-        if not 0.0 < sphere[3] < sphere[2]:
-            return None
-    of_sphere, of_curve = (
-        float(np.minimum((off / sigma) ** 2, BOUND_SIGMA**2).sum())
-        for off in (_distances(sphere, edgels, index)[0], distances(curve, edgels, index))
-    )
+    start = np.append(curve.centre, curve.radii.mean())
+    good, sphere, of_sphere = fitted_sphere(start, edgels.seen, index)
+    if not good:
+        return None
+    off = distances(curve, edgels, index) / edgels.seen.sigma[index]
+    of_curve = float(np.minimum(off**2, BOUND_SIGMA**2).sum())
     # Two parameters less; edgels that are alike count as one, and the scale is what the curve leaves.
     worse = (of_sphere - of_curve) / (of_curve + NOT_ZERO) * len(index) / CORRELATION_LENGTH
     return sphere if agrees(np.sqrt([max(worse, 0.0)]), np.eye(1), 2) else None
 
 
-def _distances(sphere: FloatArray, edgels: StereoEdgels, index: IntArray) -> tuple[FloatArray, FloatArray]:
-    """(k,) pixels: of edgels from the contours of a sphere (4,), without the bias of smoothing; (k, 4) derivatives."""
-    seen = edgels.seen
-    is_right = index >= seen.left_count
-    camera, points = seen.cameras[is_right.astype(int)], seen.points[index]
-    sight = np.column_stack([(points - camera[:, 2:]) / camera[:, :2], np.ones(len(index))])
-    centre = sphere[:3] - np.outer(is_right, [seen.baseline, 0.0, 0.0])
+@njit(nogil=True)
+def fitted_sphere(sphere: FloatArray, seen: Seen, index: IntArray) -> tuple[bool, FloatArray, float]:
+    """The sphere whose contours lie on edgels, by least squares with Cauchy weights.
+
+    Parameters
+    ----------
+    sphere : (4,) float64, metres
+        Centre and radius to start from, left frame.
+    seen : Seen
+    index : (k,) int64
+        Which edgels.
+
+    Returns
+    -------
+    good : bool
+    sphere : (4,) float64, metres
+    cost : float
+        Squares of the distances over their sigma, of each up to three sigma.
+    """
+    sphere = sphere.copy()
+    row, square, step = np.empty(4), np.empty((4, 4)), np.empty((4, 1))
+    for _ in range(ROUNDS):
+        square[:], step[:] = 0.0, 0.0
+        for k in index:
+            off = _distance(sphere, seen, k, row)
+            weight = 1.0 / (seen.sigma[k] ** 2 + (off / CAUCHY) ** 2)
+            for a in range(4):
+                step[a, 0] += weight * off * row[a]
+                for b in range(4):
+                    square[a, b] += weight * row[a] * row[b]
+        if not solve(square, step):
+            return False, sphere, np.inf
+        sphere -= step[:, 0]
+        if not 0.0 < sphere[3] < sphere[2]:
+            return False, sphere, np.inf
+    cost = 0.0
+    for k in index:
+        cost += min((_distance(sphere, seen, k, row) / seen.sigma[k]) ** 2, BOUND_SIGMA**2)
+    return True, sphere, cost
+
+
+@njit
+def _distance(sphere: FloatArray, seen: Seen, k: int, row: FloatArray) -> float:
+    """Pixels: of an edgel from the contour of a sphere (4,), without the bias of smoothing; its derivatives in (4,)."""
+    side = 0 if k < seen.left_count else 1
+    fx, fy, cx, cy = seen.cameras[side]
+    sx, sy = (seen.points[k, 0] - cx) / fx, (seen.points[k, 1] - cy) / fy
+    x, y, z, radius = sphere[0] - side * seen.baseline, sphere[1], sphere[2], sphere[3]
     # The cone of sight: (c c - r r) s s = (c s)^2 of lines of sight s.
-    square, along = (sight * sight).sum(axis=1), (centre * sight).sum(axis=1)
-    touching = (centre * centre).sum(axis=1) - sphere[3] ** 2
-    slope = 2.0 * (touching[:, None] * sight - along[:, None] * centre)[:, :2] / camera[:, :2]
-    steep = np.hypot(slope[:, 0], slope[:, 1]) + NOT_ZERO
-    bias = 0.5 * seen.blur * sphere[2] / (camera[:, 0] * sphere[3])
-    by_centre = 2.0 * (square[:, None] * centre - along[:, None] * sight)
-    rows = np.column_stack([by_centre, -2.0 * sphere[3] * square]) / steep[:, None]
-    return (touching * square - along * along) / steep + bias, rows
+    square, along = sx * sx + sy * sy + 1.0, x * sx + y * sy + z
+    touching = x * x + y * y + z * z - radius * radius
+    steep = np.hypot(2.0 * (touching * sx - along * x) / fx, 2.0 * (touching * sy - along * y) / fy) + NOT_ZERO
+    row[0], row[1] = 2.0 * (square * x - along * sx) / steep, 2.0 * (square * y - along * sy) / steep
+    row[2], row[3] = 2.0 * (square * z - along) / steep, -2.0 * radius * square / steep
+    return float((touching * square - along * along) / steep + 0.5 * seen.blur * z / (fx * radius))
 
 
 def _contour_conic(sphere: FloatArray, view: CameraView) -> FloatArray:
