@@ -43,7 +43,8 @@ class ArcPair:
 
     def shares_on(self, curve: Curve) -> tuple[float, float]:
         """Share of the edgels in either image that belong to a curve."""
-        return float(curve.left[self.edgels[0]].mean()), float(curve.right[self.edgels[1]].mean())
+        left, right = (np.count_nonzero(on[of]) / len(of) for on, of in zip((curve.left, curve.right), self.edgels))
+        return left, right
 
 
 def arc_pairs(
