@@ -18,7 +18,8 @@ from msgs_py.numeric.typed import AnyArray, Float32Array
 from .cameras.pairs import CameraPair, camera_pair, main_pairs
 from .curves import fit_kernels
 from .curves.axes import axis_features
-from .curves.coaxial_starts import agreed
+from .curves.axis_constraint import off_axis_and_plane
+from .curves.coaxial_starts import agreed, around
 from .curves.curve import Curve, CurveShape, curve_features
 from .curves.curved_shapes import CurvedShapes, recover_curved_shapes
 from .curves.observations import StereoEdgels
@@ -513,6 +514,8 @@ def compile_steps() -> tuple[CompileStep, ...]:
         first = np.zeros(1, np.int64)
         fit_kernels.residuals(circle, seen, first, np.empty(1), np.empty(1), np.empty((0, 0)))
         fit_kernels.recovered(circle, seen, first)
+        around(circle, seen)
+        off_axis_and_plane(Curve.unfitted(circle), Curve.unfitted(circle))
 
     return (
         CompileStep('edges of one image', one_image),

@@ -35,12 +35,14 @@ def off_axis_and_plane(known: Curve, curve: Curve) -> tuple[FloatArray, FloatArr
     covariance : (5, 5) float64
         Of ``off`` by all that is uncertain: both curves, and how exactly parts of one thing are turned.
     """
-    return _offsets(known.shape, _contiguous(known.covariance), curve.shape, _contiguous(curve.covariance))
+    covariances = (np.ascontiguousarray(each.covariance, dtype=np.float64) for each in (known, curve))
+    off, slope, covariance = _offsets(known.shape, curve.shape, *covariances)
+    return off, slope, covariance
 
 
 @njit
 def _offsets(
-    known: CurveShape, of_known: FloatArray, curve: CurveShape, of_curve: FloatArray
+    known: CurveShape, curve: CurveShape, of_known: FloatArray, of_curve: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The same of shapes and their covariances (6, 6)."""
     second, run = np.cross(known.normal, known.first), curve.centre - known.centre
@@ -62,11 +64,6 @@ def _offsets(
     known_slope[4, 3], known_slope[4, 4] = off[3], -off[2]
     covariance = known_slope @ of_known @ known_slope.T + slope @ of_curve @ slope.T + np.diag(variance)
     return off, slope, covariance
-
-
-def _contiguous(covariance: FloatArray) -> FloatArray:
-    """As compiled functions take it."""
-    return np.ascontiguousarray(covariance, dtype=np.float64)
 
 
 def is_coaxial(known: Curve, curve: Curve) -> bool:

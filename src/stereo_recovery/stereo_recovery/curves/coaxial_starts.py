@@ -18,10 +18,11 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 from ..detection.segments import Segments
 from . import settings
-from .curve import CameraView, Curve, CurveShape, image_conic
+from .curve import CameraView, Curve, CurveShape
+from .fit_kernels import image_conic
 from .inlier_kernels import on_conic
-from .observations import StereoEdgels
-from .settings import MOST_STARTS
+from .observations import Seen, StereoEdgels
+from .settings import INLIER_DISTANCE, MOST_STARTS
 
 
 class Told(NamedTuple):
@@ -72,9 +73,9 @@ def coaxial_starts(
     if both.right.all() or not both.right.any():
         return []
     starts = []
-    for height, radius in agreed(both.place, both.per_turn, both.right, settings.INLIER_DISTANCE * pixel):
+    for height, radius in agreed(both.place, both.per_turn, both.right, INLIER_DISTANCE * pixel):
         shape = CurveShape(known.centre + height * known.normal, known.normal, known.first, np.full(2, radius))
-        starts.append((shape, _near(shape, edgels)))
+        starts.append((shape, around(shape, edgels.seen)))
     return starts
 
 
@@ -101,7 +102,7 @@ def _told(known: Curve, segments: Segments, view: CameraView, right: bool) -> To
     reach = settings.COAXIAL_REACH * known.radii[0]
     with np.errstate(divide='ignore', invalid='ignore'):
         # A line fitted to a piece of a circle is turned by its own error, and by what of the piece is missing.
-        sigma = np.hypot(segments.sigma[:, 1], settings.INLIER_DISTANCE / segments.length)
+        sigma = np.hypot(segments.sigma[:, 1], INLIER_DISTANCE / segments.length)
         sigma *= np.abs(a_turned - b_turned * level / up)
         # Seen along its axis a circle says nothing of its height, and what is known is how far parts reach.
         information = (b / sigma) ** 2 + (up * BOUND_SIGMA / reach) ** 2
@@ -184,10 +185,23 @@ def _density(apart: FloatArray, one: FloatArray, other: FloatArray, sigma: float
     return float(np.exp(-0.5 * chi) / np.sqrt(block)) if chi < BOUND_SIGMA**2 else 0.0
 
 
-def _near(shape: CurveShape, edgels: StereoEdgels) -> IntArray:
-    """(k,) int64: edgels of both images, numbers in ``edgels.seen``, near a circle that is only about there."""
-    near = []
-    for (of, view), around, first in zip(edgels.sides, edgels.seen.boxes, (0, len(edgels.left))):
-        conic = image_conic(Curve.unfitted(shape), view)
-        near.append(first + on_conic(conic, of.position, of.direction, around, 2.0 * settings.INLIER_DISTANCE))
-    return np.concatenate(near)
+@njit(nogil=True)
+def around(shape: CurveShape, seen: Seen) -> IntArray:
+    """Edgels of both images near a circle that is only about there.
+
+    Parameters
+    ----------
+    shape : CurveShape
+    seen : Seen
+
+    Returns
+    -------
+    (k,) int64
+        By their numbers in ``seen``.
+    """
+    left, right = seen.points[: seen.left_count], seen.points[seen.left_count :]
+    turned = seen.direction[: seen.left_count], seen.direction[seen.left_count :]
+    most = 2.0 * INLIER_DISTANCE
+    one = on_conic(image_conic(shape, seen, 0), left, turned[0], seen.boxes[0], most)
+    other = on_conic(image_conic(shape, seen, 1), right, turned[1], seen.boxes[1], most)
+    return np.concatenate((one, seen.left_count + other))
