@@ -92,6 +92,7 @@ VAGUE = replace(HOLE, covariance=np.diag([3e-4, 3e-4, 2e-3, 0.05, 0.05, 5e-4]) *
 
 
 @given(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02))
+@settings(deadline=None)
 def test_a_curve_in_a_known_plane_takes_it(across, along):
     rim = circle(HOLE.centre + across * HOLE.first + along * HOLE.second, HOLE.normal, 0.04)
     off_plane = replace(VAGUE, centre=HOLE.centre + 1e-3 * HOLE.normal)
@@ -119,6 +120,7 @@ def test_what_says_nothing_places_no_curve():
 
 
 @given(st.integers(0, 999))
+@settings(deadline=None)
 def test_derivatives_of_the_offsets_are_those_of_differences(seed):
     rng = np.random.default_rng(seed)
     known = circle(rng.normal(size=3) * 0.02 + [0, 0, 0.5], rng.normal(size=3), 0.03, 0.0)
