@@ -122,10 +122,12 @@ def in_plane(curve: Curve, known: Sequence[Curve]) -> Curve:
     for other in _better(curve, known):
         off, slope, covariance = off_axis_and_plane(other, curve)
         off, slope, covariance = off[numbers], slope[numbers], covariance[np.ix_(numbers, numbers)]
+        if not agrees(off, covariance):
+            continue
         in_it = -0.5 * (off @ np.linalg.solve(covariance, off) + np.linalg.slogdet(2.0 * np.pi * covariance)[1])
         anywhere = np.log(2.0 * np.pi * 2.0 * np.linalg.norm(curve.centre - other.centre))
         log_odds = in_it + anywhere + np.log(settings.FACE_PRIOR / len(known))
-        if log_odds > best and agrees(off, covariance):
+        if log_odds > best:
             best, result = log_odds, updated(curve, off, slope, covariance)
     return result
 
