@@ -16,6 +16,10 @@ from stereo_recovery.detection.edgels import Edgels
 CIRCLE = np.diag([1.0, 1.0, -400.0])
 
 
+WHOLE = (0.0, 2.0 * np.pi, 1.0)
+SMALL = np.full(2, 0.04)
+
+
 def around(count: int, radius: float = 20.0, share: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """Edgels round a circle about the origin, with gradients along the radius."""
     angle = np.linspace(0.0, 2.0 * np.pi * share, count, endpoint=False)
@@ -62,9 +66,19 @@ def test_a_circle_seen_edge_on_is_a_line(degrees, line):
     curve = Curve.unfitted(CurveShape(centre, normal, np.array([0.0, 1.0, 0.0]), np.full(2, 0.02)))
     rig = StereoRig.symmetric(PinholeCamera.centred(640, 480, 1000.0), 0.3)
     seen = StereoEdgels(Edgels.empty(), Edgels.empty(), rig, 0.0).seen
-    assert is_line(curve.shape, seen, 0) == line
+    assert is_line(curve.shape, WHOLE, seen, 0) == line
     # From the side the other camera sees its face.
-    assert not is_line(curve.shape, seen, 1)
+    assert not is_line(curve.shape, WHOLE, seen, 1)
+
+
+@pytest.mark.parametrize(('extent', 'line'), [(0.2, True), (0.42, True), (0.5, False), (3.0, False)])
+def test_a_short_arc_of_a_large_circle_is_a_line(extent, line):
+    """Face on, of 40 pixels: the ends of an arc are off its line by two thirds of 40 (1 - cos(extent / 2)) pixels."""
+    curve = Curve.unfitted(CurveShape(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0]), np.eye(3)[0], SMALL))
+    rig = StereoRig.symmetric(PinholeCamera.centred(640, 480, 1000.0), 0.1)
+    seen = StereoEdgels(Edgels.empty(), Edgels.empty(), rig, 0.0).seen
+    assert is_line(curve.shape, (0.4, extent, 1.0), seen, 0) == line
+    assert is_line(curve.shape, (0.4, extent, 1.0), seen, 1) == line
 
 
 @pytest.mark.parametrize(('wide', 'high', 'turn'), [(20.0, 20.0, 0.0), (60.0, 15.0, 0.4), (30.0, 5.0, 1.3)])

@@ -22,6 +22,7 @@ from .curve import CurveShape
 from .inlier_kernels import on_conic, without_ends
 from .observations import Seen
 from .settings import (
+    ARC_SAMPLES,
     DAMPING_FACTOR,
     DAMPING_START,
     DIAGONAL_FACET_SHARE,
@@ -465,11 +466,21 @@ def visible_arc(shape: CurveShape, seen: Seen, index: IntArray) -> tuple[float, 
 
 
 @njit
-def is_line(shape: CurveShape, seen: Seen, side: int) -> bool:
-    """Whether a camera sees a curve so flat that all edgels of a straight line would belong to it."""
-    x, y, z = shape.centre[0] - side * seen.baseline, shape.centre[1], shape.centre[2]
-    away = abs(shape.normal[0] * x + shape.normal[1] * y + shape.normal[2] * z)
-    return bool(seen.cameras[side, 0] * shape.radii[0] * away < INLIER_DISTANCE * (x * x + y * y + z * z))
+def is_line(shape: CurveShape, arc: tuple[float, float, float], seen: Seen, side: int) -> bool:
+    """Whether a camera sees the visible arc so flat that all edgels of a straight line would belong to it.
+
+    arc : start and extent, radians, as of :func:`visible_arc`
+    """
+    camera, second = seen.cameras[side], second_of(shape)
+    points = np.empty((ARC_SAMPLES, 2))
+    for k in range(ARC_SAMPLES):
+        angle = arc[0] + arc[1] * k / (ARC_SAMPLES - 1)
+        at = shape.centre + shape.radii[0] * np.cos(angle) * shape.first + shape.radii[1] * np.sin(angle) * second
+        points[k, 0] = camera[0] * (at[0] - side * seen.baseline) / at[2] + camera[2]
+        points[k, 1] = camera[1] * at[1] / at[2] + camera[3]
+    u, v = points[:, 0] - points[:, 0].mean(), points[:, 1] - points[:, 1].mean()
+    turn = 0.5 * np.arctan2(2.0 * (u * v).sum(), (u * u).sum() - (v * v).sum())
+    return bool(np.abs(v * np.cos(turn) - u * np.sin(turn)).max() < INLIER_DISTANCE)
 
 
 @njit(nogil=True)
@@ -516,7 +527,8 @@ def recovered(start: CurveShape, seen: Seen, chosen: IntArray) -> tuple[Fit, Int
             other = fit(found.shape, False, seen, chosen)
             if other.good:
                 found, circle = other, False
-    line = is_line(found.shape, seen, 0) or is_line(found.shape, seen, 1)
+    arc = visible_arc(found.shape, seen, chosen)
+    line = is_line(found.shape, arc, seen, 0) or is_line(found.shape, arc, seen, 1)
     if not found.misfit < MOST_MISFIT or found.shape.centre[2] <= 0.0 or line:
         found = Fit(False, found.shape, found.covariance, np.inf, np.inf)
-    return found, belongs, visible_arc(found.shape, seen, chosen)
+    return found, belongs, arc

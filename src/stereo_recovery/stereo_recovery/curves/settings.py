@@ -35,6 +35,8 @@ ACROSS_COSINE = 0.94
 # A run of edgels ends where the next is farther away than this, pixels. A corner has displaced the last few of a run.
 RUN_GAP = 3.0
 CORNER_EDGELS = 2
+# Points of a visible arc that tell whether an image shows it as a line.
+ARC_SAMPLES = 17
 # Radians: a gap between edgels as wide does not interrupt the visible arc.
 LONGEST_GAP = np.radians(20.0)
 
