@@ -79,6 +79,8 @@ def test_a_short_arc_of_a_large_circle_is_a_line(extent, line):
     seen = StereoEdgels(Edgels.empty(), Edgels.empty(), rig, 0.0).seen
     assert is_line(curve.shape, (0.4, extent, 1.0), seen, 0) == line
     assert is_line(curve.shape, (0.4, extent, 1.0), seen, 1) == line
+    # What a fit that has gone astray makes of it is no error.
+    assert not is_line(curve.shape._replace(centre=np.zeros(3)), WHOLE, seen, 0)
 
 
 @pytest.mark.parametrize(('wide', 'high', 'turn'), [(20.0, 20.0, 0.0), (60.0, 15.0, 0.4), (30.0, 5.0, 1.3)])

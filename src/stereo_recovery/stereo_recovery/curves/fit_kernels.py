@@ -476,8 +476,9 @@ def is_line(shape: CurveShape, arc: tuple[float, float, float], seen: Seen, side
     for k in range(ARC_SAMPLES):
         angle = arc[0] + arc[1] * k / (ARC_SAMPLES - 1)
         at = shape.centre + shape.radii[0] * np.cos(angle) * shape.first + shape.radii[1] * np.sin(angle) * second
-        points[k, 0] = camera[0] * (at[0] - side * seen.baseline) / at[2] + camera[2]
-        points[k, 1] = camera[1] * at[1] / at[2] + camera[3]
+        ahead = max(at[2], SMALLEST)
+        points[k, 0] = camera[0] * (at[0] - side * seen.baseline) / ahead + camera[2]
+        points[k, 1] = camera[1] * at[1] / ahead + camera[3]
     u, v = points[:, 0] - points[:, 0].mean(), points[:, 1] - points[:, 1].mean()
     turn = 0.5 * np.arctan2(2.0 * (u * v).sum(), (u * u).sum() - (v * v).sum())
     return bool(np.abs(v * np.cos(turn) - u * np.sin(turn)).max() < INLIER_DISTANCE)
