@@ -74,7 +74,7 @@ def coaxial_starts(
         return []
     starts = []
     for height, radius in agreed(both.place, both.per_turn, both.right, INLIER_DISTANCE * pixel):
-        shape = CurveShape(known.centre + height * known.normal, known.normal, known.first, np.full(2, radius))
+        shape = known.shape._replace(centre=known.centre + height * known.normal, radii=np.full(2, radius))
         starts.append((shape, around(shape, edgels.seen)))
     return starts
 

@@ -14,7 +14,6 @@ from ..matching.matches import Matches
 from ..stopwatch import Late, never
 from . import settings
 from .axes import Axis, find_axes
-from .axis_constraint import held
 from .curve import Curve, cross
 from .faces import in_face
 from .fit import bounds_surface, relative_sigma
@@ -57,11 +56,9 @@ class CurvedShapes:
             Ends, metres, and their covariance.
         edgels : StereoEdgels
         """
-        faces = [in_face(curve, *edges) for curve, _, _ in self.vague]
-        vague = [VagueCurve(new, arcs, placed or new is not old) for new, (old, arcs, placed) in zip(faces, self.vague)]
-        more, rest = determined(sorted(vague, key=lambda each: relative_sigma(each.curve)), self.curves)
-        parallel = [VagueCurve(held(curve, more), arcs, placed) for curve, arcs, placed in rest]
-        more += determined(parallel, [*self.curves, *more])[0]
+        placed = [each.put(in_face(each.curve, *edges)) for each in self.vague]
+        more, rest = determined(sorted(placed, key=lambda each: relative_sigma(each.curve)), self.curves)
+        more += determined([each.held_by(more) for each in rest], [*self.curves, *more])[0]
         return distinct([*self.reported, *without_spheres(more, edgels)])
 
 

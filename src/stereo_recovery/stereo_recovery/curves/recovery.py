@@ -44,6 +44,14 @@ class VagueCurve(NamedTuple):
     arcs: ArcPair
     placed: bool = False
 
+    def put(self, curve: Curve) -> VagueCurve:
+        """The same where a plane puts it, which says nothing where it leaves the curve itself."""
+        return VagueCurve(curve, self.arcs, self.placed or curve is not self.curve)
+
+    def held_by(self, known: Sequence[Curve]) -> VagueCurve:
+        """The same as better known curves hold it: see :func:`.axis_constraint.held`."""
+        return self._replace(curve=held(self.curve, known))
+
 
 def recover_curves(
     matches: Matches,
@@ -98,9 +106,8 @@ def recover_curves(
     known = list(found)
     if vague and late():
         vague = []
-    placed = [in_plane(curve, known) for curve, _, _ in vague]
-    vague = [VagueCurve(held(new, known), arcs, new is not old) for new, (old, arcs, _) in zip(placed, vague)]
-    more, vague = determined(vague, found)
+    placed = [each.put(in_plane(each.curve, known)) for each in vague]
+    more, vague = determined([each.held_by(known) for each in placed], found)
     return [held(curve, known) for curve in found] + more, vague
 
 
