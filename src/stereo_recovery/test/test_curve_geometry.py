@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import cv2
 import numpy as np
@@ -20,7 +20,7 @@ from stereo_recovery.curves.fit import refine
 from stereo_recovery.curves.observations import StereoEdgels
 from stereo_recovery.curves.occluding_contours import CurvedSurface, contours_of, on_contours, tangents
 from stereo_recovery.curves.orientation import oriented_by_faces
-from stereo_recovery.curves.start_kernels import back_projected, circles_of_ellipse
+from stereo_recovery.curves.start_kernels import back_projected, circles_of_ellipse, free_curve
 from stereo_recovery.detection.chains import chains_of
 from stereo_recovery.detection.edgels import Edgels, blur_variance, detect
 from stereo_recovery.detection.junctions import find_junctions
@@ -134,6 +134,37 @@ def test_an_exact_ellipse_in_space_is_recovered_with_its_axes(normal, ratio):
     assert np.allclose(found.radii, true.radii, rtol=1e-4)
     assert angle_between(found.first, true.first) < 0.05
     assert angle_between(found.normal, true.normal) < 0.01
+
+
+def joined(one: Edgels, other: Edgels) -> Edgels:
+    return Edgels(*(np.concatenate([getattr(of, f.name) for of in (one, other)]) for f in fields(Edgels)))
+
+
+@pytest.mark.parametrize('lure', [0, 120])
+def test_a_plane_that_an_arc_speaks_against_is_not_taken_for_what_else_lies_on_it(lure):
+    """An ellipse is the picture of two circles. Here the wrong one has the more edgels, but not those of the arc."""
+    true = curve([0.05, 0.0, 0.25], [0.8, 0.3, -1.0])
+    arcs = both(true, count=60, arc=(0.5, 3.5), noise=0.05)
+    at = arcs.left.position
+    samples = np.column_stack([at, RIG.left.fx * RIG.baseline / points_of(true, 60, (0.5, 3.5))[:, 2]])
+    ellipse = image_conic(true, VIEWS[0])
+    index = np.arange(120)
+    starts = [
+        fit_kernels.fit(start, True, arcs.seen, index, True).shape
+        for start in circles_of_ellipse(ellipse, samples, arcs.seen, 0)
+    ]
+    wrong = max(starts, key=lambda start: angle_between(start.normal, true.normal))
+    assert angle_between(wrong.normal, true.normal) > 10.0
+    there = Curve.unfitted(wrong)
+    left, right = (
+        joined(arc, edgels_of(there, view, count=lure)) if lure else arc
+        for arc, view in zip((arcs.left, arcs.right), VIEWS)
+    )
+    seen = StereoEdgels(left, right, RIG, 0.0).seen
+    index = np.concatenate([np.arange(60), len(left) + np.arange(60)])
+    found, _, _ = free_curve(ellipse[None], np.zeros(1, int), samples, index, seen)
+    assert found.good
+    assert angle_between(found.shape.normal, true.normal) < 2.0
 
 
 def test_a_circle_is_not_taken_for_an_ellipse():

@@ -16,7 +16,7 @@ import numpy as np
 
 from msgs_py import Pose
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.settings import BOUND_SIGMA
+from msgs_py.numeric.settings import BOUND_SIGMA, DECISIVE
 from msgs_py.numeric.threads import spread
 from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
@@ -31,7 +31,6 @@ from .presence import shown_outline
 from .profiles import Quality, Stretches, find_steps, fit_steps
 from .settings import (
     CANDIDATES,
-    DECISIVE,
     DRAWN_IN,
     FEWEST_POINTS,
     FLANK,

@@ -97,10 +97,6 @@ SCREEN_DIRECTIONS = 12
 FIRST_ERROR_PX = 0.5
 # Exponents of light by grey level that cameras have: none, and about that of sRGB (IEC 61966-2-1).
 TONES = (1.0, SRGB_EXPONENT)
-# Nats that settle a matter, twenty to one: which of two explains an outline; whether a hypothesis that has so many more
-# than it needs, or so many fewer, is looked at further; whether a curve says that an object is not the model but a part
-# like it, of which there are as many.
-DECISIVE = 3.0
 # Pixels to either side of the middle of a patch of surface; patches of a view, at most.
 PATCH = 3
 PATCHES = 80

@@ -17,13 +17,13 @@ from scipy.spatial import cKDTree
 
 from msgs_py import FeatureSet
 from msgs_py.numeric.deadline import Deadline, blocks
+from msgs_py.numeric.settings import DECISIVE
 from msgs_py.numeric.threads import spread
 from msgs_py.numeric.typed import FloatArray, Int32Array, IntArray
 
 from ..geometry.features import DataFeatures, ModelFeatures, PairTable
 from ..geometry.line_pairs import rank_pairs
 from ..geometry.settings import SMALLEST_LENGTH
-from ..image_pose.settings import DECISIVE
 from ..model.index import ModelIndex, data_tolerances, feature_rows
 from ..model.problem import make_problem
 from ..model.settings import SEARCH_WIDTH

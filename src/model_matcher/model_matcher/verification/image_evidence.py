@@ -19,13 +19,14 @@ import numpy as np
 
 from msgs_py import BIN, Interpretation, Pose
 from msgs_py.numeric.deadline import Deadline
+from msgs_py.numeric.settings import DECISIVE
 from msgs_py.numeric.threads import spread
 from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..geometry.pose_rows import as_motion, as_pose
 from ..image_pose.measurement import ImagePose, Presence, looked_for, polished, presence, shown
 from ..image_pose.presence import overlap
-from ..image_pose.settings import DECISIVE, REACH, SPACING, UNSEEN_TURN
+from ..image_pose.settings import REACH, SPACING, UNSEEN_TURN
 from ..image_pose.sight import Shape
 from ..image_pose.surface import Agreement, agreement, log_ratio
 from ..image_pose.views import Views

@@ -9,12 +9,12 @@ import numpy as np
 from msgs_py import BIN
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.deadline import Deadline, blocks
+from msgs_py.numeric.settings import DECISIVE
 from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
 from ..geometry.back_projection import assign, count_matches
 from ..geometry.features import DataFeatures, ModelFeatures
 from ..geometry.least_squares import refine
-from ..image_pose.settings import DECISIVE
 from ..model.problem import Problem
 from ..model.regularity import Regularity, regularity
 from ..model.settings import SEARCH_WIDTH

@@ -14,6 +14,7 @@ import numpy as np
 from msgs_py import Pose
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.deadline import Deadline
+from msgs_py.numeric.settings import DECISIVE
 from msgs_py.numeric.threads import spread
 from msgs_py.numeric.typed import BoolArray, FloatArray
 
@@ -22,7 +23,7 @@ from ..geometry.settings import NOT_ZERO
 from ..image_pose.alignment import Placed, Steps
 from ..image_pose.measurement import elsewhere, fitted, laid, laid_on_steps, searched
 from ..image_pose.presence import bent, by_hidden, chance_beside, confirmations, crowded, log_mean
-from ..image_pose.settings import DECISIVE, DRAWN_IN, FLANK, ON_EDGE, OTHERS_EDGES, REACH, SPACING, TONES
+from ..image_pose.settings import DRAWN_IN, FLANK, ON_EDGE, OTHERS_EDGES, REACH, SPACING, TONES
 from ..image_pose.sight import Shape, Sight, look
 from ..image_pose.views import Views
 from ..model.index import ModelIndex

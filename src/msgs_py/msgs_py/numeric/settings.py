@@ -18,6 +18,8 @@ NAME_CHARACTERS = 40
 
 # How many sigma what bounds an error is, such as err_par and err_per of a feature; beyond it is no noise.
 BOUND_SIGMA = 3.0
+# Nats, log odds that settle a matter: twenty to one.
+DECISIVE = 3.0
 
 # Halvings of an interval after which its ends are one number of 64 bits.
 BISECTIONS = 60

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.settings import BOUND_SIGMA
+from msgs_py.numeric.settings import BOUND_SIGMA, DECISIVE
 from msgs_py.numeric.typed import FloatArray
 
 from . import fit_kernels, settings
@@ -118,7 +118,7 @@ def in_plane(curve: Curve, known: Sequence[Curve]) -> Curve:
     Curve
     """
     numbers = np.array([0, 1, 4])
-    best, result = settings.FACE_LOG_ODDS, curve
+    best, result = DECISIVE, curve
     for other in _better(curve, known):
         off, slope, covariance = off_axis_and_plane(other, curve)
         off, slope, covariance = off[numbers], slope[numbers], covariance[np.ix_(numbers, numbers)]

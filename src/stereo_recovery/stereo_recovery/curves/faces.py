@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msgs_py.numeric.settings import NOT_ZERO
+from msgs_py.numeric.settings import DECISIVE, NOT_ZERO
 from msgs_py.numeric.typed import FloatArray, IntArray
 
 from . import settings
@@ -71,7 +71,7 @@ def in_face(curve: Curve, ends: FloatArray, covariance: FloatArray) -> Curve:
     anywhere = _log_ranges(curve, ends, (first, second), precision[:, 3, 3])
     log_odds = in_plane + anywhere + np.log(settings.FACE_PRIOR / len(first))
     best = int(np.argmax(log_odds))
-    if log_odds[best] < settings.FACE_LOG_ODDS or not agrees(off[best], spread[best]):
+    if log_odds[best] < DECISIVE or not agrees(off[best], spread[best]):
         return curve
     return updated(curve, off[best], slope[best], spread[best])
 

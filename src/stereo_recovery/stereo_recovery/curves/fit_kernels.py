@@ -254,17 +254,12 @@ def _equations(
     residuals(shape, seen, index, distance, bias, rows)
     ratio = np.abs(distance) / sigma
     spread = max(MAD_TO_SIGMA * np.median(ratio), 1.0)
-    matrix, gradient = np.zeros((size, size)), np.zeros((size, 1))
+    weighted = np.empty((n, size))
     for i in range(n):
         weights[i] = 1.0 / (sigma[i] * sigma[i] * (1.0 + (ratio[i] / (CAUCHY * spread)) ** 2))
         for a in range(size):
-            wa = weights[i] * rows[i, a]
-            gradient[a, 0] += wa * distance[i]
-            for b in range(a + 1):
-                matrix[a, b] += wa * rows[i, b]
-    for a in range(size):
-        for b in range(a):
-            matrix[b, a] = matrix[a, b]
+            weighted[i, a] = weights[i] * rows[i, a]
+    matrix, gradient = weighted.T @ rows, weighted.T @ distance.reshape(n, 1)
     return matrix, gradient, distance, weights
 
 
@@ -296,12 +291,16 @@ def minimise(shape: CurveShape, circle: bool, seen: Seen, index: IntArray) -> tu
         residuals(other, seen, index, distance, bias, none)
         new_cost = (weights * distance * distance).sum()
         # An ellipse that has become a line has no way back.
-        if not (new_cost <= cost and other.radii.min() > 0.0):
-            damping *= DAMPING_FACTOR
-            continue
-        shape, gained = other, cost - new_cost
+        better = new_cost <= cost and other.radii.min() > 0.0
+        # What a step does not gain counts by what its equations promised: at the minimum rounding decides.
+        gained = cost - new_cost if better else -(gradient * right).sum()
+        if better:
+            shape = other
         if gained < LEAST_GAIN * cost:
             break
+        if not better:
+            damping *= DAMPING_FACTOR
+            continue
         damping /= DAMPING_FACTOR
         matrix, gradient, distance, weights = _equations(shape, seen, index, sigma, rows)
         cost = (weights * distance * distance).sum()
@@ -437,7 +436,10 @@ def inliers(found: Fit, seen: Seen, side: int) -> tuple[IntArray, IntArray]:
     count = 0
     for k in range(len(index)):
         rows[k, 5] /= found.shape.radii[0]
-        variance = of_fit + sigma[k] ** 2 + rows[k] @ found.covariance @ rows[k]
+        variance = of_fit + sigma[k] ** 2
+        for a in range(6):
+            for b in range(6):
+                variance += rows[k, a] * found.covariance[a, b] * rows[k, b]
         if abs(distance[k]) < min(BOUND_SIGMA * np.sqrt(variance), INLIER_DISTANCE):
             measures[count] = index[k]
             count += 1

@@ -70,10 +70,9 @@ SURFACE_SIGMA = 0.025
 SAME_RIM = 0.04
 
 # ---- Faces -----------------------------------------------------------------------------------------------------------
-# Share of curves that lie in a plane with two edges that are found, and log odds from which a plane is one: twenty to
-# one. Edges that are looked at, the nearest ones; bounds the time.
+# Share of curves that lie in a plane with two edges that are found. Edges that are looked at, the nearest ones; bounds
+# the time.
 FACE_PRIOR = 0.5
-FACE_LOG_ODDS = 3.0
 MOST_FACE_EDGES = 16
 
 # ---- Axes and occluding contours -------------------------------------------------------------------------------------

@@ -10,8 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.settings import DECISIVE
 from msgs_py.numeric.typed import FloatArray, IntArray
 
+from ..detection.settings import CORRELATION_LENGTH
 from .curve import CurveShape
 from .fit_kernels import Fit, fit, recovered, solve
 from .observations import Seen
@@ -182,7 +184,8 @@ def free_curve(
 ) -> tuple[Fit, IntArray, tuple[float, float, float]]:
     """The curve that arcs show, from the best of the starts and from the best in another plane.
 
-    Two planes may fit one arc alike; the curve that has more edgels of all decides between them.
+    Two planes may fit one arc alike; the curve that has more edgels of all decides between them. What fits it worse by
+    odds that settle the matter is not looked at: among all edgels of a picture, chance has some for any curve.
 
     Parameters
     ----------
@@ -218,9 +221,11 @@ def free_curve(
         if rms[k] == np.inf or tried == 2:
             break
         if tried == 0:
-            plane = starts[k].normal
+            plane, least = starts[k].normal, rms[k]
         elif abs((starts[k].normal * plane).sum()) >= SAME_PLANE_COSINE:
             continue
+        elif len(index) / CORRELATION_LENGTH * np.log(rms[k] / least) > DECISIVE:
+            break  # so many edgels err on their own
         tried += 1
         other = recovered(starts[k], seen, index)
         if not other[0].good:

@@ -122,9 +122,6 @@ GROWN_SHARE = 0.5
 # Contrast, in sigma of the gradient's noise, that chains do not lose: edgels have WEAKEST, to three sigma. [D] Where a
 # segment would show more beyond its end, it has ended.
 CHAINED = WEAKEST + 3.0
-# Log likelihood ratio that a stretch beyond an end has to have, and by which it may fall again before it ends. [D]
-# Noise alone reaches it at one end in twenty.
-GROWN_EVIDENCE = 3.0
 # Variance of the gradient less the mean of that on both flanks, over that of the gradient. [D] 1 + 2 / 4
 FLANKED_VARIANCE = 1.5
 # px^2: variance across a line to which it is followed. [D] Half a px beside its middle a step has nine tenths of its

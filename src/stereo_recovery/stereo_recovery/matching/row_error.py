@@ -13,21 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from msgs_py.numeric.settings import DECISIVE
 from msgs_py.numeric.typed import FloatArray
 
 from ..detection.conics import Ellipse
 from ..detection.edgels import Edgels
 from ..detection.junctions import find_junctions
 from .row_kernels import robust_fit, single_sigma
-from .settings import (
-    LEVEL_DISPARITY,
-    LEVEL_ROW,
-    ROW_LOG_ODDS,
-    ROW_OFFSET_SIGMA,
-    ROW_SHIFT_MOST,
-    ROW_TURN_SIGMA,
-    SEEN_AS_ONE,
-)
+from .settings import LEVEL_DISPARITY, LEVEL_ROW, ROW_OFFSET_SIGMA, ROW_SHIFT_MOST, ROW_TURN_SIGMA, SEEN_AS_ONE
 from .stereo_segments import StereoSegments
 
 
@@ -197,7 +190,7 @@ def fitted_error(witnesses: RowWitnesses, size: tuple[int, int], least: float, a
     value, single = robust_fit(columns, off, sigma, prior, least)
     # What an exact rig, single rows and a few wrong corners explain as well is no error.
     by_chance = single_sigma(off, sigma, least)
-    if _log_odds(columns, off, sigma, prior, (value, single, by_chance)) < ROW_LOG_ODDS:
+    if _log_odds(columns, off, sigma, prior, (value, single, by_chance)) < DECISIVE:
         value, single = np.zeros(3), by_chance
     return RowError(float(value[0]), value[1:], centre, half, single, len(off), axis)
 

@@ -128,8 +128,6 @@ ROW_OFFSET_SIGMA, ROW_TURN_SIGMA, ROW_SHIFT_MOST = 0.5, 0.4, 3.0
 ROW_SIGMA, ROW_SIGMA_SPREAD, ROW_LEAST_SIGMA, ROW_SIGMAS = 0.01, 1.5, 0.002, 30
 # Rounds of the robust fit.
 ROW_ROUNDS = 15
-# Log odds below which the rows' error is taken to be none. [D] one exact rig in twenty
-ROW_LOG_ODDS = 3.0
 
 # px: what a calibration leaves the rows of a rig off by, in the middle, and from there to the border. A tenth is
 # what is hoped of calibrating a pair; users know their own (the reprojection error), and it is a parameter.
