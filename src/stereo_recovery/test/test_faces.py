@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stereo_recovery.curves import fit_kernels
@@ -40,6 +40,7 @@ def moved(curve, rng):
 
 
 @given(tilt=st.floats(-0.2, 0.2), other=st.floats(-0.2, 0.2))
+@settings(deadline=None)
 def test_the_edges_of_its_face_tell_the_normal_of_a_vague_curve(tilt, other):
     normal = BORE.normal + tilt * BORE.second - other * BORE.first
     normal /= np.linalg.norm(normal)

@@ -8,13 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.settings import BOUND_SIGMA, DECISIVE
+from msgs_py.numeric.robust import outlying
+from msgs_py.numeric.settings import BOUND_SIGMA
 from msgs_py.numeric.typed import FloatArray
 
 from . import fit_kernels, settings
-from .agreement import agrees
+from .agreement import agrees, chi_squared, likeliest
 from .curve import Curve, CurveShape
 from .settings import TURNED_SIGMA
+
+# Of what :func:`off_axis_and_plane` tells: both tilts, and the offset from the plane.
+IN_PLANE = np.array([0, 1, 4])
 
 
 def off_axis_and_plane(known: Curve, curve: Curve) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -90,13 +94,13 @@ def held(curve: Curve, known: Sequence[Curve]) -> Curve:
     -------
     Curve
     """
-    offsets = [off_axis_and_plane(other, curve) for other in _better(curve, known)]
+    off, slope, covariance = _off_each(curve, known)
     # All four numbers of an axis, else the two of its direction.
-    for numbers in (4, 2):
-        for parts in offsets:
-            off, slope, covariance = (part[:numbers] for part in parts)
-            if agrees(off, covariance[:, :numbers]):
-                return updated(curve, off, slope, covariance[:, :numbers])
+    for n in (4, 2):
+        agree = np.flatnonzero(chi_squared(off[:, :n], covariance[:, :n, :n]) < outlying(n))
+        if len(agree):
+            best = agree[0]
+            return updated(curve, off[best, :n], slope[best, :n], covariance[best, :n, :n])
     return curve
 
 
@@ -117,19 +121,18 @@ def in_plane(curve: Curve, known: Sequence[Curve]) -> Curve:
     -------
     Curve
     """
-    numbers = np.array([0, 1, 4])
-    best, result = DECISIVE, curve
-    for other in _better(curve, known):
-        off, slope, covariance = off_axis_and_plane(other, curve)
-        off, slope, covariance = off[numbers], slope[numbers], covariance[np.ix_(numbers, numbers)]
-        if not agrees(off, covariance):
-            continue
-        in_it = -0.5 * (off @ np.linalg.solve(covariance, off) + np.linalg.slogdet(2.0 * np.pi * covariance)[1])
-        anywhere = np.log(2.0 * np.pi * 2.0 * np.linalg.norm(curve.centre - other.centre))
-        log_odds = in_it + anywhere + np.log(settings.FACE_PRIOR / len(known))
-        if log_odds > best:
-            best, result = log_odds, updated(curve, off, slope, covariance)
-    return result
+    off, slope, covariance = _off_each(curve, known)
+    off, slope, covariance = off[:, IN_PLANE], slope[:, IN_PLANE], covariance[:, IN_PLANE][:, :, IN_PLANE]
+    away = [np.linalg.norm(curve.centre - other.centre) for other in _better(curve, known)]
+    best = likeliest(off, covariance, np.log(2.0 * np.pi * 2.0 * np.array(away)))
+    return curve if best is None else updated(curve, off[best], slope[best], covariance[best])
+
+
+def _off_each(curve: Curve, known: Sequence[Curve]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(k, 5), (k, 5, 6), (k, 5, 5): :func:`off_axis_and_plane` of those of known curves that say something of one."""
+    each = [off_axis_and_plane(other, curve) for other in _better(curve, known)]
+    off, slope, covariance = ([parts[k] for parts in each] for k in range(3))
+    return np.reshape(off, (-1, 5)), np.reshape(slope, (-1, 5, 6)), np.reshape(covariance, (-1, 5, 5))
 
 
 def _better(curve: Curve, known: Sequence[Curve]) -> list[Curve]:

@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msgs_py.numeric.settings import DECISIVE, NOT_ZERO
+from msgs_py.numeric.settings import NOT_ZERO
 from msgs_py.numeric.typed import FloatArray, IntArray
 
 from . import settings
-from .agreement import agrees
+from .agreement import likeliest
 from .axis_constraint import updated
 from .curve import Curve
 
@@ -65,15 +65,8 @@ def in_face(curve: Curve, ends: FloatArray, covariance: FloatArray) -> Curve:
     spread = slope @ curve.covariance @ slope.swapaxes(1, 2)
     spread[:, :2, :2] += offsets.covariance[first]
     spread[:, 2:, 2:] += offsets.covariance[second]
-    precision = np.linalg.inv(spread)
-    chi_squared = np.einsum('pi,pij,pj->p', off, precision, off)
-    in_plane = -0.5 * (chi_squared + np.linalg.slogdet(2.0 * np.pi * spread)[1])
-    anywhere = _log_ranges(curve, ends, (first, second), precision[:, 3, 3])
-    log_odds = in_plane + anywhere + np.log(settings.FACE_PRIOR / len(first))
-    best = int(np.argmax(log_odds))
-    if log_odds[best] < DECISIVE or not agrees(off[best], spread[best]):
-        return curve
-    return updated(curve, off[best], slope[best], spread[best])
+    best = likeliest(off, spread, _log_ranges(curve, ends, (first, second), np.linalg.inv(spread)[:, 3, 3]))
+    return curve if best is None else updated(curve, off[best], slope[best], spread[best])
 
 
 def offsets_of(curve: Curve, ends: FloatArray, covariance: FloatArray) -> Offsets:

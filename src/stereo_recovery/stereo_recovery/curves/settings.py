@@ -70,9 +70,9 @@ SURFACE_SIGMA = 0.025
 SAME_RIM = 0.04
 
 # ---- Faces -----------------------------------------------------------------------------------------------------------
-# Share of curves that lie in a plane with two edges that are found. Edges that are looked at, the nearest ones; bounds
-# the time.
-FACE_PRIOR = 0.5
+# Share of curves that lie in a plane with another one, or with two edges, that are found. Edges that are looked at, the
+# nearest ones; bounds the time.
+PLANE_PRIOR = 0.5
 MOST_FACE_EDGES = 16
 
 # ---- Axes and occluding contours -------------------------------------------------------------------------------------
