@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from msgs_py.numeric.typed import FloatArray
+from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..detection.conics import Ellipse
 from ..detection.segments import Segments
@@ -111,8 +112,9 @@ def distinct(curves: list[Curve]) -> list[Curve]:
     """
     kept: list[Curve] = []
     for curve in sorted(curves, key=lambda c: -int(c.left.sum() + c.right.sum())):
+        edgels = np.flatnonzero(curve.left), np.flatnonzero(curve.right)
         for k, other in enumerate(kept):
-            if _shared(curve, other) > settings.SHARED_EDGELS or _apart(curve, other) < settings.SAME_RIM:
+            if _shared(edgels, other) > settings.SHARED_EDGELS or _is_same_rim(curve, other):
                 kept[k] = replace(other, left=other.left | curve.left, right=other.right | curve.right)
                 break
         else:
@@ -120,14 +122,17 @@ def distinct(curves: list[Curve]) -> list[Curve]:
     return kept
 
 
-def _shared(curve: Curve, other: Curve) -> float:
-    """Share of a curve's edgels that another one has as well, in the image where that is larger."""
-    masks = (curve.left, other.left), (curve.right, other.right)
-    return max(float((own & its).sum() / max(int(own.sum()), 1)) for own, its in masks)
+def _shared(edgels: tuple[IntArray, IntArray], other: Curve) -> float:
+    """Share of a curve's edgels of the two images that another one has as well, in the image where that is larger."""
+    masks = other.left, other.right
+    return max(float(np.count_nonzero(its[own]) / max(len(own), 1)) for own, its in zip(edgels, masks))
 
 
-def _apart(curve: Curve, other: Curve) -> float:
-    """By how much two curves differ: centres and radii in radii, normals in radians."""
-    turn = np.linalg.norm(cross(curve.normal, other.normal))
-    apart = np.append(np.linalg.norm(curve.centre - other.centre), np.abs(curve.radii - other.radii))
-    return max(float(turn), float(apart.max() / other.radii[0]))
+def _is_same_rim(curve: Curve, other: Curve) -> bool:
+    """Whether two curves differ by nothing: centres and radii in radii, normals in radians."""
+    most = settings.SAME_RIM * float(other.radii[0])
+    return (
+        math.dist(curve.centre, other.centre) < most
+        and float(np.abs(curve.radii - other.radii).max()) < most
+        and float(np.linalg.norm(cross(curve.normal, other.normal))) < settings.SAME_RIM
+    )
