@@ -24,10 +24,16 @@ NONE = np.uint64(0)
 
 
 class RayWork(NamedTuple):
-    """Room for the intervals of one ray in a solid of m leaves.
+    """Of rays from one viewpoint, in a solid of m leaves, g planes and q quadrics: what all share, and room for one.
 
     Attributes
     ----------
+    box : (m, 6) float64
+        From the viewpoint to the lowest and the highest corner of the boxes of the leaves, a little larger.
+    above : (g,) float64
+        Value of each plane's equation at the viewpoint.
+    polar : (q, 4) float64
+        Half the gradient of each quadric's equation there, and its value.
     leaf : (m,) int32
         Leaves that the ray meets.
     span : (m, 2) float64
@@ -40,6 +46,9 @@ class RayWork(NamedTuple):
         Of the walk over the tree.
     """
 
+    box: FloatArray
+    above: FloatArray
+    polar: FloatArray
     leaf: Int32Array
     span: FloatArray
     stop: FloatArray
@@ -89,18 +98,18 @@ def first_hit(table: SurfaceTable, viewpoint: np.ndarray, ray: np.ndarray) -> np
 @njit(nogil=True)
 def _hidden(surfaces: SurfaceRows, viewpoint: FloatArray, targets: FloatArray, thin: float) -> BoolArray:
     """As :func:`hidden`, normalised frame."""
-    work = ray_work(surfaces)
+    work = ray_work(surfaces, viewpoint)
     out = np.empty(len(targets), np.bool_)
     x, y, z = viewpoint
     for k in range(len(targets)):
-        out[k] = hides(surfaces, work, x, y, z, targets[k, 0] - x, targets[k, 1] - y, targets[k, 2] - z, thin)
+        out[k] = hides(surfaces, work, targets[k, 0] - x, targets[k, 1] - y, targets[k, 2] - z, thin)
     return out
 
 
 @njit(nogil=True)
 def _first_hits(surfaces: SurfaceRows, viewpoint: FloatArray, ray: FloatArray) -> FloatArray:
     """As :func:`first_hit`, normalised frame."""
-    work = ray_work(surfaces)
+    work = ray_work(surfaces, viewpoint)
     out = np.full(len(ray), np.nan)
     x, y, z = viewpoint
     # Beyond this lies nothing: a whole solid, and the viewpoint's distance from it.
@@ -109,7 +118,7 @@ def _first_hits(surfaces: SurfaceRows, viewpoint: FloatArray, ray: FloatArray) -
         dx, dy, dz = ray[k]
         length = math.sqrt(dx * dx + dy * dy + dz * dz)
         far = max(farthest / length, 1.0)
-        count = _spans(surfaces, work, x, y, z, dx, dy, dz, far)
+        count = _spans(surfaces, work, dx, dy, dz, far)
         stops = _stops(work, count, far)
         for first in range(0, stops - 1, WORD):
             solid = _material(surfaces, work, count, first)
@@ -123,20 +132,32 @@ def _first_hits(surfaces: SurfaceRows, viewpoint: FloatArray, ray: FloatArray) -
 
 
 @njit(nogil=True)
-def ray_work(surfaces: SurfaceRows) -> RayWork:
-    """Room for the rays of one thread."""
-    m = len(surfaces.cone)
+def ray_work(surfaces: SurfaceRows, viewpoint: FloatArray) -> RayWork:
+    """What the rays of one thread need from a viewpoint (3,), normalised frame."""
+    m, x, y, z = len(surfaces.cone), viewpoint[0], viewpoint[1], viewpoint[2]
+    box = np.empty((m, 6))
+    box[:, :3] = surfaces.low - BESIDE_BOX - viewpoint
+    box[:, 3:] = surfaces.high + BESIDE_BOX - viewpoint
+    p, q = surfaces.planes, surfaces.quadrics
+    above = p[:, 0] * x + p[:, 1] * y + p[:, 2] * z + p[:, 3]
+    polar = q[:, :, 0] * x + q[:, :, 1] * y + q[:, :, 2] * z + q[:, :, 3]
+    polar[:, 3] += polar[:, 0] * x + polar[:, 1] * y + polar[:, 2] * z
     return RayWork(
-        np.empty(m, np.int32), np.empty((m, 2)), np.empty(2 * m + 2), np.zeros(m, np.uint64), np.zeros(m + 1, np.uint64)
+        box,
+        above,
+        polar,
+        np.empty(m, np.int32),
+        np.empty((m, 2)),
+        np.empty(2 * m + 2),
+        np.zeros(m, np.uint64),
+        np.zeros(m + 1, np.uint64),
     )
 
 
 @njit(nogil=True)
-def hides(
-    surfaces: SurfaceRows, work: RayWork, x: float, y: float, z: float, dx: float, dy: float, dz: float, thin: float
-) -> bool:
-    """Whether material thicker than ``thin`` lies between a point and the end of a ray from it, normalised frame."""
-    count = _spans(surfaces, work, x, y, z, dx, dy, dz, 1.0)
+def hides(surfaces: SurfaceRows, work: RayWork, dx: float, dy: float, dz: float, thin: float) -> bool:
+    """Whether material thicker than ``thin`` lies between the viewpoint and the end of a ray from it, normalised."""
+    count = _spans(surfaces, work, dx, dy, dz, 1.0)
     if count == 0:
         return False
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -173,18 +194,31 @@ def ahead_and_behind(
     return (both & ONE) != NONE, (both & (ONE << ONE)) != NONE
 
 
+@njit(nogil=True, forceinline=True)
+def _in_box(surfaces: SurfaceRows, leaf: int, x: float, y: float, z: float) -> bool:
+    """Whether a point is in the box of a leaf."""
+    low, high = surfaces.low, surfaces.high
+    inside: bool = (
+        low[leaf, 0] - BESIDE_BOX <= x <= high[leaf, 0] + BESIDE_BOX
+        and low[leaf, 1] - BESIDE_BOX <= y <= high[leaf, 1] + BESIDE_BOX
+        and low[leaf, 2] - BESIDE_BOX <= z <= high[leaf, 2] + BESIDE_BOX
+    )
+    return inside
+
+
+@njit(nogil=True)
+def may_bound(surfaces: SurfaceRows, which: int, x: float, y: float, z: float) -> bool:
+    """Whether a point of a quadric is in the box of a leaf that it bounds."""
+    for leaf in range(len(surfaces.cone)):
+        if surfaces.quadric_slot[leaf] == which and _in_box(surfaces, leaf, x, y, z):
+            return True
+    return False
+
+
 @njit(nogil=True)
 def _inside(surfaces: SurfaceRows, leaf: int, x: float, y: float, z: float) -> bool:
     """Whether a point is inside a leaf."""
-    low, high = surfaces.low, surfaces.high
-    if (
-        x < low[leaf, 0] - BESIDE_BOX
-        or x > high[leaf, 0] + BESIDE_BOX
-        or y < low[leaf, 1] - BESIDE_BOX
-        or y > high[leaf, 1] + BESIDE_BOX
-        or z < low[leaf, 2] - BESIDE_BOX
-        or z > high[leaf, 2] + BESIDE_BOX
-    ):
+    if not _in_box(surfaces, leaf, x, y, z):
         return False
     for slot in range(surfaces.plane_slots.shape[1]):
         group = surfaces.plane_slots[leaf, slot]
@@ -203,25 +237,22 @@ def _inside(surfaces: SurfaceRows, leaf: int, x: float, y: float, z: float) -> b
     return value < 0.0
 
 
-@njit(nogil=True)
-def _spans(
-    surfaces: SurfaceRows, work: RayWork, x: float, y: float, z: float, dx: float, dy: float, dz: float, far: float
-) -> int:
+@njit(nogil=True, forceinline=True)
+def _spans(surfaces: SurfaceRows, work: RayWork, dx: float, dy: float, dz: float, far: float) -> int:
     """How many leaves a ray meets between 0 and ``far``; their intervals are in ``work``."""
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
     ix, iy, iz = _inverse(dx), _inverse(dy), _inverse(dz)
     count = 0
     for leaf in range(len(surfaces.cone)):
-        low, high = surfaces.low[leaf], surfaces.high[leaf]
-        a, b = (low[0] - BESIDE_BOX - x) * ix, (high[0] + BESIDE_BOX - x) * ix
+        a, b = work.box[leaf, 0] * ix, work.box[leaf, 3] * ix
         first, last = min(a, b), max(a, b)
-        a, b = (low[1] - BESIDE_BOX - y) * iy, (high[1] + BESIDE_BOX - y) * iy
+        a, b = work.box[leaf, 1] * iy, work.box[leaf, 4] * iy
         first, last = max(first, min(a, b)), min(last, max(a, b))
-        a, b = (low[2] - BESIDE_BOX - z) * iz, (high[2] + BESIDE_BOX - z) * iz
+        a, b = work.box[leaf, 2] * iz, work.box[leaf, 5] * iz
         first, last = max(first, min(a, b)), min(last, max(a, b))
         if first > last or first > far or last < 0.0:
             continue
-        enter, leave = _leaf_span(surfaces, leaf, x, y, z, dx, dy, dz, length)
+        enter, leave = _leaf_span(surfaces, work, leaf, dx, dy, dz, length)
         enter, leave = max(enter, 0.0), min(leave, far)
         if enter < leave:
             work.leaf[count] = leaf
@@ -230,15 +261,15 @@ def _spans(
     return count
 
 
-@njit(nogil=True)
+@njit(nogil=True, forceinline=True)
 def _inverse(step: float) -> float:
     """One over a component of a ray; a large number, and no infinite one, for nothing."""
     return 1.0 / step if abs(step) > NO_DIRECTION else 1.0 / NO_DIRECTION
 
 
-@njit(nogil=True)
+@njit(nogil=True, forceinline=True)
 def _leaf_span(
-    surfaces: SurfaceRows, leaf: int, x: float, y: float, z: float, dx: float, dy: float, dz: float, length: float
+    surfaces: SurfaceRows, work: RayWork, leaf: int, dx: float, dy: float, dz: float, length: float
 ) -> tuple[float, float]:
     """Where a ray enters and leaves a leaf; it enters after it leaves where it misses the leaf."""
     enter, leave = -math.inf, math.inf
@@ -247,9 +278,9 @@ def _leaf_span(
         group = surfaces.plane_slots[leaf, slot]
         if group < 0:
             continue
-        p, sign = surfaces.planes[group], surfaces.slot_sign[leaf, slot]
-        slope = (p[0] * dx + p[1] * dy + p[2] * dz) * sign
-        value = (p[0] * x + p[1] * y + p[2] * z + p[3]) * sign
+        planes, sign = surfaces.planes, surfaces.slot_sign[leaf, slot]
+        slope = (planes[group, 0] * dx + planes[group, 1] * dy + planes[group, 2] * dz) * sign
+        value = work.above[group] * sign
         if slot == 1:
             apex_slope = slope
         if abs(slope) <= PARALLEL_RAY * length:
@@ -262,23 +293,20 @@ def _leaf_span(
             enter = max(enter, -value / slope)
         if enter >= leave:
             return math.inf, -math.inf
-    if surfaces.quadric_slot[leaf] < 0:
+    which = surfaces.quadric_slot[leaf]
+    if which < 0:
         return enter, leave
-    q = surfaces.quadrics[surfaces.quadric_slot[leaf]]
-    hx = q[0, 0] * dx + q[0, 1] * dy + q[0, 2] * dz
-    hy = q[1, 0] * dx + q[1, 1] * dy + q[1, 2] * dz
-    hz = q[2, 0] * dx + q[2, 1] * dy + q[2, 2] * dz
+    q, polar = surfaces.quadrics, work.polar
+    hx = q[which, 0, 0] * dx + q[which, 0, 1] * dy + q[which, 0, 2] * dz
+    hy = q[which, 1, 0] * dx + q[which, 1, 1] * dy + q[which, 1, 2] * dz
+    hz = q[which, 2, 0] * dx + q[which, 2, 1] * dy + q[which, 2, 2] * dz
     a = hx * dx + hy * dy + hz * dz
-    b = hx * x + hy * y + hz * z + q[0, 3] * dx + q[1, 3] * dy + q[2, 3] * dz
-    gx = q[0, 0] * x + q[0, 1] * y + q[0, 2] * z + 2.0 * q[0, 3]
-    gy = q[1, 0] * x + q[1, 1] * y + q[1, 2] * z + 2.0 * q[1, 3]
-    gz = q[2, 0] * x + q[2, 1] * y + q[2, 2] * z + 2.0 * q[2, 3]
-    c = gx * x + gy * y + gz * z + q[3, 3]
-    low, high = _quadric_span(a, b, c, surfaces.cone[leaf], apex_slope < 0.0)
+    b = polar[which, 0] * dx + polar[which, 1] * dy + polar[which, 2] * dz
+    low, high = _quadric_span(a, b, polar[which, 3], surfaces.cone[leaf], apex_slope < 0.0)
     return max(enter, low), min(leave, high)
 
 
-@njit(nogil=True)
+@njit(nogil=True, forceinline=True)
 def _quadric_span(a: float, b: float, c: float, cone: bool, up: bool) -> tuple[float, float]:
     """Where a t^2 + 2 b t + c < 0; of a cone only on its real nappe, towards which a ray goes ``up`` or not."""
     if abs(a) <= LEVEL_RAY:
@@ -302,7 +330,7 @@ def _quadric_span(a: float, b: float, c: float, cone: bool, up: bool) -> tuple[f
     return low, high
 
 
-@njit(nogil=True)
+@njit(nogil=True, forceinline=True)
 def _stops(work: RayWork, count: int, far: float) -> int:
     """The number of ends of ``count`` intervals and of the ray; they are in ``work``, ascending."""
     work.stop[0], work.stop[1] = 0.0, far
@@ -319,7 +347,7 @@ def _stops(work: RayWork, count: int, far: float) -> int:
     return n
 
 
-@njit(nogil=True)
+@njit(nogil=True, forceinline=True)
 def _material(surfaces: SurfaceRows, work: RayWork, count: int, first: int) -> np.uint64:
     """Which of the stretches from number ``first`` on lie in the solid, a bit each."""
     stretches = min(WORD, 2 * count + 1 - first)
@@ -337,7 +365,7 @@ def _material(surfaces: SurfaceRows, work: RayWork, count: int, first: int) -> n
     return solid
 
 
-@njit(nogil=True)
+@njit(nogil=True, forceinline=True)
 def _combined(surfaces: SurfaceRows, work: RayWork) -> np.uint64:
     """What lies in the solid of what ``work.cover`` says lies in its leaves, a bit each."""
     top = 0

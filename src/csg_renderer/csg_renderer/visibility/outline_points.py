@@ -13,7 +13,7 @@ from msgs_py.numeric.typed import FloatArray, Int32Array
 from ..brep.settings import APEX_SLOPE
 from ..brep.surfaces import SurfaceRows
 from .contours import Quadrics, polar_sections
-from .occlusion import RayWork, ahead_and_behind, hides, ray_work
+from .occlusion import RayWork, ahead_and_behind, hides, may_bound, ray_work
 from .settings import OFF_SURFACE, OUTLINE_KNOTS, THIN, THIN_AT_SPACE_CURVE
 
 
@@ -90,7 +90,7 @@ def seen_points(
     for c in range(curves):
         room += math.ceil(along[begin[c + 1] - 1] / spacing)
     rows, numbers = np.empty((room, 10)), np.empty((room, 2), np.int32)
-    work = ray_work(surfaces)
+    work = ray_work(surfaces, eye)
     n = 0
     for c in range(curves):
         total, j = along[begin[c + 1] - 1], begin[c]
@@ -115,7 +115,7 @@ def seen_points(
                 if nx == 0.0 and ny == 0.0 and nz == 0.0:
                     continue
             thin = THIN if c < smooth else THIN_AT_SPACE_CURVE
-            if hides(surfaces, work, eye[0], eye[1], eye[2], x - eye[0], y - eye[1], z - eye[2], thin):
+            if hides(surfaces, work, x - eye[0], y - eye[1], z - eye[2], thin):
                 continue
             rows[n, 6], rows[n, 7], rows[n, 8], rows[n, 9] = nx, ny, nz, total / count
             numbers[n, 0], numbers[n, 1] = c, creases.feature[c] if c < planar else -1
@@ -128,6 +128,8 @@ def _outward(
     surfaces: SurfaceRows, work: RayWork, which: int, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
     """The unit normal at a point of a quadric, out of the solid; zero where the quadric does not bound it."""
+    if not may_bound(surfaces, which, x, y, z):
+        return 0.0, 0.0, 0.0
     q = surfaces.quadrics[which]
     nx = q[0, 0] * x + q[0, 1] * y + q[0, 2] * z + q[0, 3]
     ny = q[1, 0] * x + q[1, 1] * y + q[1, 2] * z + q[1, 3]
