@@ -11,6 +11,7 @@ import numpy as np
 
 from msgs_py import CameraRig, FeatureSet, PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.deadline import Deadline
+from msgs_py.numeric.settings import NOT_ZERO
 from msgs_py.numeric.steps import CompileStep, run_all
 from msgs_py.numeric.threads import together
 from msgs_py.numeric.typed import AnyArray, Float32Array
@@ -206,7 +207,7 @@ class _MatchedPair:
     @property
     def share(self) -> float:
         """Matched share of the left picture's length of segments."""
-        return self.matched_length / max(float(self.segments[0].length.sum()), 1e-9)
+        return self.matched_length / max(float(self.segments[0].length.sum()), NOT_ZERO)
 
     @property
     def matched_length(self) -> float:

@@ -18,6 +18,7 @@ import numpy as np
 from msgs_py import CameraRig, FeatureKind, FeatureSet, PinholeCamera, Pose, StereoRig
 from msgs_py.commands import DONE, NOTHING, CommandParser, add_json, run_command
 from msgs_py.numeric.covariances import UPPER, upper_triangles
+from msgs_py.numeric.settings import NOT_ZERO
 from msgs_py.numeric.typed import AnyArray
 
 from .cameras.rig_files import load_camera_rig
@@ -131,7 +132,7 @@ def profile(result: Recovery) -> list[str]:
     list of str
     """
     total = sum(result.milliseconds.values())
-    lines = [f'{name:<10} {ms:8.1f} ms {ms / max(total, 1e-9):5.0%}' for name, ms in result.milliseconds.items()]
+    lines = [f'{name:<10} {ms:8.1f} ms {ms / max(total, NOT_ZERO):5.0%}' for name, ms in result.milliseconds.items()]
     lines += [f'{"all":<10} {total:8.1f} ms', *(f'{count} {name}' for name, count in result.counts.items())]
     return lines + [f'left out: {what}' for what in result.left_out]
 

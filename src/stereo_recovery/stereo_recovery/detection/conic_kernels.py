@@ -17,7 +17,6 @@ from .settings import (
     FIRST_RMS,
     FIRST_ROUNDS,
     LARGEST_RADIUS_RATIO,
-    LEAST_CHORD,
     LEAST_DISCRIMINANT,
     LEAST_PIVOT,
     LEAST_RADIUS,
@@ -87,7 +86,7 @@ def fit(points: FloatArray, rounds: int) -> tuple[FloatArray, float]:
     for i in range(n):
         mx += points[i, 0] / n
         my += points[i, 1] / n
-    scale = LEAST_CHORD
+    scale = NOT_ZERO
     for i in range(n):
         scale += (abs(points[i, 0] - mx) + abs(points[i, 1] - my)) / n
     q = np.zeros(6)

@@ -17,8 +17,6 @@ from .settings import (
     CORNER_TRIM_SHARE,
     CORRELATION_LENGTH,
     LEAST_BIAS,
-    LEAST_INFORMATION,
-    LEAST_SAGITTA,
     LEAST_SCALE,
     MEDIAN_SAMPLES,
     MOST_BIAS_SIGMA,
@@ -340,8 +338,8 @@ def fit_lines(run: Run, bounds: IntArray, smoothing: float) -> FittedLines:
         # pixel.
         correlated = max(1.0, CORRELATION_LENGTH * smoothing * min(count / length, MOST_DENSE))
         scale = max(1.0, rms * np.sqrt(weight / count)) * np.sqrt(correlated)
-        offset = scale / np.sqrt(max(weight, LEAST_INFORMATION))
-        turn = scale / np.sqrt(max(moment, LEAST_INFORMATION))
+        offset = scale / np.sqrt(max(weight, NOT_ZERO))
+        turn = scale / np.sqrt(max(moment, NOT_ZERO))
         # A bent line is not quite one (two edges that meet at a slight angle, a lens, a fold): its sigma grows with
         # the sagitta that noise does not explain.
         bend = np.sqrt(max(sagitta**2 - (NOISE_SAGITTA * offset) ** 2, 0.0))
@@ -351,6 +349,6 @@ def fit_lines(run: Run, bounds: IntArray, smoothing: float) -> FittedLines:
         out.sigma[k, 0] = np.hypot(np.hypot(offset, SAGITTA_OFFSET * bend), spread)
         out.sigma[k, 1] = np.hypot(np.hypot(turn, SAGITTA_SLOPE * bend / length), spread / length)
         # The sign of the sagitta is kept even where noise explains its size.
-        out.sagitta[k] = np.copysign(max(bend, LEAST_SAGITTA), sagitta)
+        out.sagitta[k] = np.copysign(max(bend, NOT_ZERO), sagitta)
         out.magnitude[k] = run.magnitude[a:b].sum() / max(b - a, 1)
     return out

@@ -6,11 +6,12 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from msgs_py.numeric.settings import NOT_ZERO
 from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, Int32Array, IntArray
 
 from . import line_kernels
 from .edgels import Edgels
-from .settings import LEAST_CHORD, LEVEL_SINE
+from .settings import LEVEL_SINE
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +72,7 @@ class Segments:
         """
         count = len(ends)
         run = ends[:, 1] - ends[:, 0]
-        length = np.maximum(np.hypot(run[:, 0], run[:, 1]), LEAST_CHORD)
+        length = np.maximum(np.hypot(run[:, 0], run[:, 1]), NOT_ZERO)
         return Segments(
             np.zeros((count, 2), np.int64),
             np.arange(count),

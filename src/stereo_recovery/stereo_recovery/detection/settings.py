@@ -18,8 +18,6 @@ ON_LINE = 1.0
 TURN_COSINE = 0.5
 # px: segments shorter than this have too vague a direction to decide about others. [R]
 DIRECTED_LENGTH = 10.0
-# px: a chord shorter than this has no direction. [D] far below what edgels can show, far above rounding
-LEAST_CHORD = 1e-9
 # Instead of 0 where a number of any size may divide. [D] nearly the smallest number that a float can hold
 SMALLEST = 1e-300
 # Least number of edgels in a chain, and in a part of one that is split. [R]
@@ -163,8 +161,6 @@ JOINING_ROUNDS = 2
 
 # -- segments ----------------------------------------------------------------------------------------------------------
 
-# 1/px^2 and 1: least information of a line's offset and slope; px: least sagitta, which keeps its sign. [D] floors
-LEAST_INFORMATION, LEAST_SAGITTA = 1e-9, 1e-9
 # px per px of smoothing: length along an edge over which edgels' errors are one. [D] Smoothing correlates them over
 # sqrt(4 pi) sigma; [M] three quarters of that gives lines whose stated sigma is true (src/stereo_recovery/test/
 # test_bounds.py).

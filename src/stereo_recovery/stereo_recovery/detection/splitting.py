@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from msgs_py.numeric.robust import NORMAL_QUARTILE
+from msgs_py.numeric.settings import NOT_ZERO
 from msgs_py.numeric.typed import BoolArray, IntArray
 
 from . import chain_kernels, splitting_kernels
@@ -18,7 +19,6 @@ from .settings import (
     BENT_TOLERANCES,
     FEW_EDGELS,
     JOINING_ROUNDS,
-    LEAST_CHORD,
     LEAST_EDGELS,
     LEAST_LOCALISATION_NOISE,
     LINE_GATE,
@@ -51,7 +51,7 @@ def localisation_noise(chains: EdgeChains) -> float:
         return USUAL_LOCALISATION_NOISE
     chord = p[4:] - p[:-4]
     middle = p[2:-2] - 0.5 * (p[4:] + p[:-4])
-    length = np.maximum(np.hypot(chord[:, 0], chord[:, 1]), LEAST_CHORD)
+    length = np.maximum(np.hypot(chord[:, 0], chord[:, 1]), NOT_ZERO)
     off = np.abs(chord[:, 0] * middle[:, 1] - chord[:, 1] * middle[:, 0]) / length
     return max(LEAST_LOCALISATION_NOISE, float(np.median(off)) / (NORMAL_QUARTILE * float(np.sqrt(VARIANCE_OF_OFFSET))))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.settings import BOUND_SIGMA
+from msgs_py.numeric.settings import BOUND_SIGMA, NOT_ZERO
 from msgs_py.numeric.typed import FloatArray, Int32Array, IntArray
 
 from .buckets import bucketed, near
@@ -15,7 +15,6 @@ from .settings import (
     BREAK_MARGIN,
     BREAK_RANGE,
     LARGEST_BEND,
-    LEAST_CHORD,
     LEAST_EDGELS,
     OFFSET_COST,
     SHORTEST_JOINED,
@@ -46,7 +45,7 @@ def _farthest(x: FloatArray, y: FloatArray, a: int, b: int) -> int:
     norm = np.sqrt(dx * dx + dy * dy)
     best, where = -1.0, (a + b) // 2
     for i in range(a + 2, b - 2):
-        if norm > LEAST_CHORD:
+        if norm > NOT_ZERO:
             d = abs((x[i] - x[a]) * dy - (y[i] - y[a]) * dx) / norm
         else:
             d = np.sqrt((x[i] - x[a]) ** 2 + (y[i] - y[a]) ** 2)

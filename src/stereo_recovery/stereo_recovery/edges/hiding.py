@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from msgs_py import StereoRig
+from msgs_py.numeric.settings import NOT_ZERO
 from msgs_py.numeric.typed import AnyArray, Int8Array
 
 from ..curves.curve import CameraView, Curve, angles, camera_views, image_conic
@@ -86,7 +87,7 @@ def _in_plane(curve: Curve, matches: Matches, left: Segments, rig: StereoRig) ->
     ends = np.stack([left.start, left.end], axis=1)[matches.left]
     rays = np.stack([rig.left.rays(ends[:, k]) for k in (0, 1)], axis=1)
     depth = float(curve.centre @ curve.normal)
-    if abs(depth) < 1e-9:
+    if abs(depth) < NOT_ZERO:
         return np.zeros(len(matches), bool)
     disparity = rig.left.fx * rig.baseline * (rays @ curve.normal) / depth
     told = matches.disparity[:, [0, 2]] - (rig.left.cx - rig.right.cx)
@@ -100,7 +101,7 @@ def _along_axis(curve: Curve, own: Segments, places: AnyArray, view: CameraView)
     vanishing = view.matrix @ curve.normal
     # All lines along the axis meet in its vanishing point, which may be at infinity.
     towards = vanishing[:2] - places * vanishing[2]
-    length = np.maximum(np.hypot(towards[..., 0], towards[..., 1]), 1e-12)
+    length = np.maximum(np.hypot(towards[..., 0], towards[..., 1]), NOT_ZERO)
     sine = (own.direction[:, None, 0] * towards[..., 1] - own.direction[:, None, 1] * towards[..., 0]) / length
     result: AnyArray = (np.abs(sine) < ALONG_AXIS) & (curve.centre[2] > 0.0)
     return result

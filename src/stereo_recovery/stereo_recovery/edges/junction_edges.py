@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from msgs_py.numeric.settings import NOT_ZERO
 from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, IntArray
 
 from ..detection.junctions import Junctions
@@ -189,7 +190,7 @@ def _is_taken(points: FloatArray, others: FloatArray) -> bool:
     same = np.zeros(len(others), bool)
     for a, b in ((here, others), (others, here)):
         run = b[:, 1] - b[:, 0]
-        length = np.maximum(np.hypot(run[:, 0], run[:, 1]), 1e-9)[:, None]
+        length = np.maximum(np.hypot(run[:, 0], run[:, 1]), NOT_ZERO)[:, None]
         away = (a - b[:, :1]) / length[..., None]
         along = (away * run[:, None]).sum(axis=2) / length
         off = np.abs(away[..., 1] * run[:, None, 0] - away[..., 0] * run[:, None, 1])

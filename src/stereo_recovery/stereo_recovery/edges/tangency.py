@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from msgs_py.numeric.settings import NOT_ZERO
 from msgs_py.numeric.typed import AnyArray
 
 from ..curves.curve import Curve
@@ -38,7 +39,7 @@ def joined_ends(
         if radius != curve.radii[1] or len(ends) == 0:
             continue
         run = ends[:, 1] - ends[:, 0]
-        length = np.maximum(np.linalg.norm(run, axis=1), 1e-12)
+        length = np.maximum(np.linalg.norm(run, axis=1), NOT_ZERO)
         along = run / length[:, None]
         from_start = curve.centre - ends[:, 0]
         place = (from_start * along).sum(axis=1)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.settings import NOT_ZERO
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 from msgs_py.settings import BOUND_SIGMA
 
@@ -84,7 +85,7 @@ def direction(information: FloatArray) -> tuple[FloatArray, FloatArray]:
     values, vectors = np.linalg.eigh(information)
     spread = np.zeros((3, 3))
     for k in range(1, 3):
-        weight = 1.0 / max(values[k], 1e-9)
+        weight = 1.0 / max(values[k], NOT_ZERO)
         for r in range(3):
             for c in range(3):
                 spread[r, c] += vectors[r, k] * weight * vectors[c, k]
@@ -100,7 +101,7 @@ def squares_by_themselves(rows: Rows) -> FloatArray:
         a, b = rows.image[i], rows.depth[i]
         for c in range(3):
             own[c] = a[(c + 1) % 3] * b[(c + 2) % 3] - a[(c + 2) % 3] * b[(c + 1) % 3]
-        own /= max(np.sqrt(_product(own, own)), 1e-12)
+        own /= max(np.sqrt(_product(own, own)), NOT_ZERO)
         _add_squares(rows, i, own, squares[i])
     return squares
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.robust import NORMAL_QUARTILE
+from msgs_py.numeric.settings import NOT_ZERO
 from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray, Int32Array
 
 from ..detection.sampling import Pair
@@ -288,7 +289,7 @@ def candidates(
             for choice in range(0 if level else BY_ROWS, BY_ROWS + by_rows):
                 if choice < BY_ROWS:
                     ratio = _level_pair(p, q, choice, disparity)
-                    gradient = (disparity[0] - disparity[1]) / max(abs(p[1, 0] - p[0, 0]), 1e-9)
+                    gradient = (disparity[0] - disparity[1]) / max(abs(p[1, 0] - p[0, 0]), NOT_ZERO)
                     rows = top, bottom
                 else:
                     rows = first_row, last_row

@@ -11,6 +11,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.settings import NOT_ZERO
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 
 from ..detection.buckets import Buckets, in_cell, swept
@@ -170,7 +171,7 @@ def neighbours(table: SegmentTable, met: Int32Array, radius: float) -> Neighbour
             if weight > found.worth[i, slot]:
                 found.other[i, slot], found.gap[i, slot], found.worth[i, slot] = k, best, weight
                 found.share[i, slot, 0], found.share[i, slot, 1] = 0.5 * own, 0.5 * its
-        total = max(np.sum(found.worth[i]), 1e-12)
+        total = max(np.sum(found.worth[i]), NOT_ZERO)
         for m in range(NEIGHBOURS):
             found.worth[i, m] = min(1.0, INDEPENDENT_NEIGHBOURS * found.worth[i, m] / total)
             other = found.other[i, m]
@@ -186,7 +187,7 @@ def rivals(value: FloatArray, a: int, b: int) -> bool:
     """Whether two candidates of one segment cannot both be true: they claim one part of it, or differ in depth."""
     common = min(value[a, 4], value[b, 4]) - max(value[a, 3], value[b, 3])
     shorter = min(value[a, 4] - value[a, 3], value[b, 4] - value[b, 3])
-    if common > SAME_PART * shorter or shorter < 1e-9:
+    if common > SAME_PART * shorter or shorter < NOT_ZERO:
         return True
     # One below the other: parts of one line, or edges that meet there and that one eye sees in line.
     between = 0.5 * (max(value[a, 3], value[b, 3]) + min(value[a, 4], value[b, 4]))
@@ -197,7 +198,7 @@ def rivals(value: FloatArray, a: int, b: int) -> bool:
 @njit
 def _in_row(value: FloatArray, a: int, row: float) -> float:
     """Disparity, pixels, of candidate a in a row, which its line may reach beyond its ends."""
-    share = (row - value[a, 3]) / max(value[a, 4] - value[a, 3], 1e-9)
+    share = (row - value[a, 3]) / max(value[a, 4] - value[a, 3], NOT_ZERO)
     return float(value[a, 6] + share * (value[a, 7] - value[a, 6]))
 
 

@@ -12,6 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from msgs_py.numeric.settings import NOT_ZERO
 from msgs_py.numeric.typed import AnyArray
 
 from ..detection.edgels import Edgels
@@ -189,7 +190,7 @@ def split_matched(
                 ends = np.stack([half.start[0], half.end[0]])
                 common[row] = np.clip(common[row], ends[:, 1].min(), ends[:, 1].max())
                 if image == 0:
-                    share = ((ends - whole.start[0]) @ whole.direction[0]) / max(float(whole.length[0]), 1e-9)
+                    share = ((ends - whole.start[0]) @ whole.direction[0]) / max(float(whole.length[0]), NOT_ZERO)
                     first, last = (1.0 - share) * disparity[row, 0] + share * disparity[row, 2]
                     disparity[row] = first, 0.5 * (first + last), last
             matches = replace(

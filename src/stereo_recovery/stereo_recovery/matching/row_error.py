@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msgs_py.numeric.settings import DECISIVE
+from msgs_py.numeric.settings import DECISIVE, NOT_ZERO
 from msgs_py.numeric.typed import FloatArray
 
 from ..detection.conics import Ellipse
@@ -70,7 +70,7 @@ class RowError:
             return seen
         start, end, centre = (self.without(points) for points in (right.start, right.end, right.centre))
         run = end - start
-        direction = run / np.maximum(np.hypot(run[:, 0], run[:, 1]), 1e-12)[:, None]
+        direction = run / np.maximum(np.hypot(run[:, 0], run[:, 1]), NOT_ZERO)[:, None]
         extent = np.stack([((point - centre) * direction).sum(axis=1) for point in (start, end)], axis=1)
         right = replace(right, centre=centre, direction=direction, extent=extent)
         junctions = seen.junctions[0], find_junctions(right)

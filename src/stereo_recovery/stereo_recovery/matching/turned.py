@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from msgs_py.numeric.settings import NOT_ZERO
 from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray
 
 from ..detection.conics import Ellipse
@@ -135,9 +136,9 @@ def turned_edgels(edgels: Edgels, homography: FloatArray) -> Edgels:
     depth = np.where(np.abs(point[:, 2:]) > NEAREST_RAY, point[:, 2:], NEAREST_RAY)
     position = point[:, :2] / depth
     along, across = ((step[:, :2] - position * step[:, 2:]) / depth for step in (along, across))
-    length = np.maximum(np.linalg.norm(along, axis=1), 1e-12)
+    length = np.maximum(np.linalg.norm(along, axis=1), NOT_ZERO)
     normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / length[:, None]
-    scale = np.maximum(np.abs((across * normal).sum(axis=1)), 1e-12)
+    scale = np.maximum(np.abs((across * normal).sum(axis=1)), NOT_ZERO)
     return Edgels(
         position,
         np.arctan2(normal[:, 1], normal[:, 0]),
