@@ -14,6 +14,7 @@ import pytest
 import csg_renderer
 import model_matcher
 import stereo_recovery
+from msgs_py.numeric import settings as shared_settings
 from stereo_recovery import settings as root_settings
 from stereo_recovery.edges import settings as edge_settings
 from stereo_recovery.estimation import settings as estimation_settings
@@ -84,7 +85,7 @@ def test_the_page_of_the_method_quotes_the_settings():
     for name, number in quoted:
         values = [
             getattr(room, name)
-            for room in (root_settings, matching_settings, estimation_settings, edge_settings)
+            for room in (root_settings, matching_settings, estimation_settings, edge_settings, shared_settings)
             if hasattr(room, name)
         ]
         assert float(number) in values, f'{name}: the page says {number}, the settings {values}'

@@ -64,9 +64,9 @@ def likeliest(residual: FloatArray, covariance: FloatArray, log_range: FloatArra
 
     Examples
     --------
-    Of two numbers that may be anything between -50 and 50:
+    Of two numbers that may be anything between -500 and 500, and between -5 and 5:
 
-    >>> likeliest(np.array([[7.0], [0.5]]), np.ones((2, 1, 1)), np.log([100.0, 100.0]))
+    >>> likeliest(np.array([[7.0], [0.5]]), np.ones((2, 1, 1)), np.log([1000.0, 1000.0]))
     1
     >>> likeliest(np.array([[7.0], [0.5]]), np.ones((2, 1, 1)), np.log([10.0, 10.0])) is None
     True
