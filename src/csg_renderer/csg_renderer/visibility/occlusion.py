@@ -22,6 +22,9 @@ WORD = 64
 ONE = np.uint64(1)
 NONE = np.uint64(0)
 
+# What a ray does at every leaf: a call would hand on all arrays of two records, which costs more than what it does.
+inlined = njit(nogil=True, forceinline=True)
+
 
 class RayWork(NamedTuple):
     """Of rays from one viewpoint, in a solid of m leaves, g planes and q quadrics: what all share, and room for one.
@@ -194,7 +197,7 @@ def ahead_and_behind(
     return (both & ONE) != NONE, (both & (ONE << ONE)) != NONE
 
 
-@njit(nogil=True, forceinline=True)
+@inlined
 def _in_box(surfaces: SurfaceRows, leaf: int, x: float, y: float, z: float) -> bool:
     """Whether a point is in the box of a leaf."""
     low, high = surfaces.low, surfaces.high
@@ -237,7 +240,7 @@ def _inside(surfaces: SurfaceRows, leaf: int, x: float, y: float, z: float) -> b
     return value < 0.0
 
 
-@njit(nogil=True, forceinline=True)
+@inlined
 def _spans(surfaces: SurfaceRows, work: RayWork, dx: float, dy: float, dz: float, far: float) -> int:
     """How many leaves a ray meets between 0 and ``far``; their intervals are in ``work``."""
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -261,13 +264,13 @@ def _spans(surfaces: SurfaceRows, work: RayWork, dx: float, dy: float, dz: float
     return count
 
 
-@njit(nogil=True, forceinline=True)
+@inlined
 def _inverse(step: float) -> float:
     """One over a component of a ray; a large number, and no infinite one, for nothing."""
     return 1.0 / step if abs(step) > NO_DIRECTION else 1.0 / NO_DIRECTION
 
 
-@njit(nogil=True, forceinline=True)
+@inlined
 def _leaf_span(
     surfaces: SurfaceRows, work: RayWork, leaf: int, dx: float, dy: float, dz: float, length: float
 ) -> tuple[float, float]:
@@ -306,7 +309,7 @@ def _leaf_span(
     return max(enter, low), min(leave, high)
 
 
-@njit(nogil=True, forceinline=True)
+@inlined
 def _quadric_span(a: float, b: float, c: float, cone: bool, up: bool) -> tuple[float, float]:
     """Where a t^2 + 2 b t + c < 0; of a cone only on its real nappe, towards which a ray goes ``up`` or not."""
     if abs(a) <= LEVEL_RAY:
@@ -330,7 +333,7 @@ def _quadric_span(a: float, b: float, c: float, cone: bool, up: bool) -> tuple[f
     return low, high
 
 
-@njit(nogil=True, forceinline=True)
+@inlined
 def _stops(work: RayWork, count: int, far: float) -> int:
     """The number of ends of ``count`` intervals and of the ray; they are in ``work``, ascending."""
     work.stop[0], work.stop[1] = 0.0, far
@@ -347,7 +350,7 @@ def _stops(work: RayWork, count: int, far: float) -> int:
     return n
 
 
-@njit(nogil=True, forceinline=True)
+@inlined
 def _material(surfaces: SurfaceRows, work: RayWork, count: int, first: int) -> np.uint64:
     """Which of the stretches from number ``first`` on lie in the solid, a bit each."""
     stretches = min(WORD, 2 * count + 1 - first)
@@ -365,7 +368,7 @@ def _material(surfaces: SurfaceRows, work: RayWork, count: int, first: int) -> n
     return solid
 
 
-@njit(nogil=True, forceinline=True)
+@inlined
 def _combined(surfaces: SurfaceRows, work: RayWork) -> np.uint64:
     """What lies in the solid of what ``work.cover`` says lies in its leaves, a bit each."""
     top = 0

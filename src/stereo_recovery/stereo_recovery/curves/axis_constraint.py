@@ -122,9 +122,9 @@ def in_plane(curve: Curve, known: Sequence[Curve]) -> Curve:
     Curve
     """
     off, slope, covariance = _off_each(curve, known)
+    away = np.linalg.norm(off[:, 2:], axis=1)
     off, slope, covariance = off[:, IN_PLANE], slope[:, IN_PLANE], covariance[:, IN_PLANE][:, :, IN_PLANE]
-    away = [np.linalg.norm(curve.centre - other.centre) for other in _better(curve, known)]
-    best = likeliest(off, covariance, np.log(2.0 * np.pi * 2.0 * np.array(away)))
+    best = likeliest(off, covariance, np.log(2.0 * np.pi * 2.0 * away))
     return curve if best is None else updated(curve, off[best], slope[best], covariance[best])
 
 
