@@ -20,7 +20,7 @@ from model_matcher.image_pose.measurement import drawn_in, measure_pose, presenc
 from model_matcher.image_pose.model_error import FIRST_ERROR, fitted_model_error
 from model_matcher.image_pose.presence import Chance, behind_screens, bent, log_ratio, reversals, steadiness
 from model_matcher.image_pose.profiles import Quality, Stretches, find_steps, fit_steps
-from model_matcher.image_pose.settings import BESIDE, CANDIDATES, FIRST_WALK, FLANK, WALKS
+from model_matcher.image_pose.settings import BESIDE, CANDIDATES, FIRST_WALK, FLANK, LEAST_SLOPE, WALKS
 from model_matcher.image_pose.sight import look, same_curves
 from model_matcher.image_pose.views import Views
 from model_matcher.model.equal_poses import apart
@@ -57,7 +57,13 @@ def stretches(angle, count=8, spacing=4.0):
     pixel = 31.5 + along[:, None] * np.array([-normal[1], normal[0]])
     still = np.zeros(count)
     return Stretches(
-        pixel, np.tile(normal, (count, 1)), np.full(count, spacing), still, still, np.full(count, FLANK, np.int32)
+        pixel,
+        np.tile(normal, (count, 1)),
+        np.full(count, spacing),
+        still,
+        still,
+        np.full(count, FLANK, np.int32),
+        np.ones(count),
     )
 
 
@@ -80,36 +86,33 @@ def test_steps_are_fitted_without_bias():
 
 
 def fitted_step(place, angle, blur):
-    """What is fitted to a step image without noise, (8, 4)."""
+    """What is fitted to a step image without noise, (8, 6)."""
+    return fitted(step_image([place], [60, 180], angle, blur), angle, Quality(1.0, blur, 0.3, FIRST_WALK, LEAST_SLOPE))
+
+
+def fitted(image, angle, quality, beside=math.nan):
+    """What is fitted to an image of a step across its middle, and of another so many pixels beside it, (8, 6)."""
     outline = stretches(angle)
-    out = np.empty((len(outline.spacing), 4))
-    image = step_image([place], [60, 180], angle, blur)
-    fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), Quality(1.0, blur, 0.3, FIRST_WALK, 0.0), out)
+    out, further = np.empty((len(outline.spacing), 6)), np.full((len(outline.spacing), BESIDE), np.nan)
+    further[:, 0] = beside
+    fit_steps(image, outline, further, quality, out)
     return out
 
 
 def test_steps_beside_one_another_are_told_apart():
-    angle = 0.4
-    outline = stretches(angle)
-    out = np.empty((len(outline.spacing), 4))
-    image = step_image([0.2, 2.0], [160, 60, 150], angle)
-    beside = np.full((len(out), BESIDE), np.nan)
-    beside[:, 0] = 1.7
-    fit_steps(image, outline, beside, Quality(1.0, 0.6, 0.3, FIRST_WALK, 0.0), out)
+    image = step_image([0.2, 2.0], [160, 60, 150], 0.4)
+    out = fitted(image, 0.4, Quality(1.0, 0.6, 0.3, FIRST_WALK, LEAST_SLOPE), beside=1.7)
     assert np.abs(out[:, 0] - 0.2).max() < 0.06
 
 
 def test_the_stated_variance_is_that_of_noise_and_shade():
     angle, noise = 0.7, 3.0
-    outline = stretches(angle)
     places, stated = [], []
     for seed in range(60):
-        out = np.empty((len(outline.spacing), 4))
         # In steps of a hundredth of a pixel.
         walk = np.cumsum(np.random.default_rng(1000 + seed).normal(scale=0.1 * FIRST_WALK, size=8001))
         image = step_image([0.3], [80, 140], angle, 0.7, noise, seed, walk - walk[4000])
-        seen = Quality(1.0, 0.7, noise, FIRST_WALK, 0.0)
-        fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), seen, out)
+        out = fitted(image, angle, Quality(1.0, 0.7, noise, FIRST_WALK, LEAST_SLOPE))
         places.append(out[:, 0])
         stated.append(out[:, 1])
     assert 0.8 < np.var(places) / np.mean(stated) < 1.25
@@ -117,13 +120,11 @@ def test_the_stated_variance_is_that_of_noise_and_shade():
 
 @pytest.mark.parametrize('angle', [0.0, 0.3, 0.7854, 2.0])
 def test_noise_leaves_what_it_is_said_to_in_any_direction(angle):
-    outline, noise = stretches(angle), 4.0
+    noise = 4.0
     places, stated, left = [], [], []
     for seed in range(150):
-        out = np.empty((len(outline.spacing), 4))
         image = step_image([0.3], [80, 180], angle, 0.7, noise, seed)
-        seen = Quality(1.0, 0.7, noise, WALKS[0], 0.0)
-        fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), seen, out)
+        out = fitted(image, angle, Quality(1.0, 0.7, noise, WALKS[0], LEAST_SLOPE))
         places.append(out[:, 0])
         stated.append(out[:, 1])
         left.append(out[:, 3])
@@ -133,28 +134,36 @@ def test_noise_leaves_what_it_is_said_to_in_any_direction(angle):
 
 @settings(max_examples=20, deadline=None)
 @given(st.floats(-4.0, 4.0), st.floats(-4.0, 4.0), st.floats(0.0, 2.0 * math.pi))
-def test_shade_beside_a_step_moves_it_by_half_of_what_it_could(before, after, angle):
+def test_shade_on_either_side_of_a_step_hardly_moves_it(before, after, angle):
     # Grey levels a pixel, on either side: with levels that are the same all along a step of
-    # 60 between slopes of 4 and -4 would be found 0.59 pixels off.
+    # 60 between slopes of 4 and -4 would be found 0.59 pixels off. What is odd about the step is left to the walk.
     across = np.linspace(-40.0, 40.0, 81)
     shade = np.where(across < 0.0, before, after) * across
-    outline = stretches(angle)
-    out = np.empty((len(outline.spacing), 4))
     image = step_image([0.0], [100, 160], angle, 0.8, shade=shade)
-    fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), Quality(1.0, 0.8, 0.3, FIRST_WALK, 0.0), out)
-    assert np.abs(out[:, 0].mean()) < 0.3
+    out = fitted(image, angle, Quality(1.0, 0.8, 0.3, FIRST_WALK, 10.0))
+    assert np.abs(out[:, 0].mean()) < 0.1
+
+
+@pytest.mark.parametrize(('levels', 'tone'), [([0, 60], 1.0), ([255, 200], 1.0), ([0, 40], 2.2), ([0, 255], 1.0)])
+def test_a_step_at_black_or_white_is_where_it_is_in_noise_that_is_cut_off(levels, tone):
+    """Cut off, the mean of a black pixel is 0.4 sigma above black, and an edge would be 0.05 pixels to its side."""
+    angle, noise, place = 0.5, 6.0, 0.2
+    light = step_image([place], levels, angle, 0.8).astype(float)
+    coded = 255.0 * (light / 255.0) ** (1.0 / tone)
+    rng, off = np.random.default_rng(8), []
+    for _ in range(100):
+        image = np.clip(np.rint(coded + rng.normal(scale=noise, size=coded.shape)), 0, 255).astype(np.uint8)
+        off.append(fitted(image, angle, Quality(tone, 0.8, noise, WALKS[0], LEAST_SLOPE))[:, 0] - place)
+    assert abs(np.nanmean(off)) < 0.01 + 2.0 * np.nanstd(off) / math.sqrt(np.size(off))
 
 
 def test_a_tone_curve_does_not_move_a_step():
     angle = 0.9
-    outline = stretches(angle)
     light = step_image([0.3], [20, 200], angle, 0.8).astype(float)
     coded = np.rint(255.0 * (light / 255.0) ** (1.0 / 2.2)).astype(np.uint8)
-    out = np.empty((len(outline.spacing), 4))
-    nothing = np.full((len(out), BESIDE), np.nan)
-    fit_steps(coded, outline, nothing, Quality(2.2, 0.8, 0.3, FIRST_WALK, 0.0), out)
+    out = fitted(coded, angle, Quality(2.2, 0.8, 0.3, FIRST_WALK, LEAST_SLOPE))
     assert np.abs(out[:, 0].mean() - 0.3) < 0.02
-    fit_steps(coded, outline, nothing, Quality(1.0, 0.8, 0.3, FIRST_WALK, 0.0), out)
+    out = fitted(coded, angle, Quality(1.0, 0.8, 0.3, FIRST_WALK, LEAST_SLOPE))
     assert np.abs(out[:, 0].mean() - 0.3) > 0.1
 
 

@@ -6,19 +6,25 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import polygamma
 
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, ByteArray, FloatArray
 
 from ..geometry.settings import NOT_ZERO
 from .profiles import Quality, Stretches, fit_steps
-from .settings import BLUR_STEPS, FIRST_BLUR, FIRST_WALK, FLANK, LEAST_BLUR, MOST_BLUR, QUALITY_POINTS, STRONG, WALKS
-
-# What is left of a profile is of differences of neighbours, less the place and the height of a step; the logarithm of
-# its mean square varies by chance as trigamma says.
-DIFFERENCES = 2 * FLANK - 2
-BY_CHANCE = float(polygamma(1, 0.5 * DIFFERENCES))
+from .settings import (
+    BLUR_STEPS,
+    FIRST_BLUR,
+    FIRST_SLOPE,
+    FIRST_WALK,
+    FLANK,
+    LEAST_BLUR,
+    LEAST_SLOPE,
+    MOST_BLUR,
+    QUALITY_POINTS,
+    STRONG,
+    WALKS,
+)
 
 
 class Look(NamedTuple):
@@ -26,15 +32,14 @@ class Look(NamedTuple):
 
     blur: float
     walk: float
-    own: float
+    slope: float
 
 
 def look_of(image: ByteArray, outline: Stretches, beside: FloatArray, tone: float, noise: float) -> Look:
     """What an image is like, by the steps of an outline that stand alone.
 
     The blur is that with which strong steps are explained best. The walk is that which leaves as much of them as
-    noise and walk would. Where what is left differs more from step to step than it would by chance, the rest is their
-    own (Smyth 2004, linear models and empirical Bayes methods: the prior of variances by their logarithms' dispersion).
+    noise and walk would; the slope of shade is what the steps' own spread beyond that.
 
     Parameters
     ----------
@@ -48,7 +53,8 @@ def look_of(image: ByteArray, outline: Stretches, beside: FloatArray, tone: floa
     """
     alone = np.flatnonzero((outline.flank == FLANK) & np.isnan(beside).all(axis=1))
     some = alone[:: max(1, -(-len(alone) // QUALITY_POINTS))]
-    return Look(*_look_of(_Steps(image, outline.some(some), beside[some], tone, noise)))
+    each = outline.some(some)._replace(together=np.ones(len(some)))
+    return Look(*_look_of(_Steps(image, each, beside[some], tone, noise)))
 
 
 class _Steps(NamedTuple):
@@ -64,14 +70,15 @@ class _Steps(NamedTuple):
 @njit(nogil=True)
 def _look_of(steps: _Steps) -> tuple[float, float, float]:
     """As :func:`look_of`."""
-    out = np.empty((len(steps.outline.spacing), 4))
+    out = np.empty((len(steps.outline.spacing), 6))
     _fit(steps, FIRST_BLUR, FIRST_WALK, out)
+    if np.isnan(out[:, 0]).all():
+        return FIRST_BLUR, FIRST_WALK, FIRST_SLOPE
     strong = np.abs(out[:, 2]) > STRONG * steps.noise
-    if not strong.any():
-        return LEAST_BLUR, FIRST_WALK, 0.0
     blur = FIRST_BLUR
-    for step in BLUR_STEPS:
-        blur = _told_blur(steps, blur, step, strong, out)
+    if strong.any():
+        for step in BLUR_STEPS:
+            blur = _told_blur(steps, blur, step, strong, out)
     # The more they may wander, the less is left: as much as was expected where the walk is right.
     low, high = 0, len(WALKS) - 1
     while low < high:
@@ -80,17 +87,16 @@ def _look_of(steps: _Steps) -> tuple[float, float, float]:
         low, high = (middle + 1, high) if np.nanmean(out[:, 3]) > 1.0 else (low, middle)
     walk = float(WALKS[low])
     _fit(steps, blur, walk, out)
-    dispersion = np.nanvar(np.log(out[:, 3])) - BY_CHANCE
-    if not dispersion > 0.0:
-        return blur, walk, 0.0
-    believed = (1.0 + math.sqrt(1.0 + 2.0 * dispersion)) / dispersion
-    return blur, walk, float(DIFFERENCES / (DIFFERENCES + believed))
+    # What the slopes spread beyond what noise and walk make of none.
+    slope = float(np.nanmean(out[:, 4] ** 2 - out[:, 5]))
+    return blur, walk, math.sqrt(max(slope, LEAST_SLOPE**2))
 
 
 @njit(nogil=True)
 def _fit(steps: _Steps, blur: float, walk: float, out: FloatArray) -> None:
-    """Fit the steps, see :func:`.profiles.fit_steps`; out : (n, 4), filled."""
-    fit_steps(steps.image, steps.outline, steps.beside, Quality(steps.tone, blur, steps.noise, walk, 0.0), out)
+    """Fit the steps, see :func:`.profiles.fit_steps`; out : (n, 6), filled."""
+    quality = Quality(steps.tone, blur, steps.noise, walk, FIRST_SLOPE)
+    fit_steps(steps.image, steps.outline, steps.beside, quality, out)
 
 
 @njit(nogil=True)

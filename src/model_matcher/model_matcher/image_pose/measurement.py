@@ -303,7 +303,8 @@ def fitted(sight: Sight, views: Views) -> Steps:
     """The step at each point where the outline says it is, fitted to the grey levels."""
     tone = max(float(views.tone[0]), TONES[0])
     beside, flank = neighbours(sight.placed, sight.spacing)
-    out = np.empty((len(sight), 4))
+    together = np.bincount(sight.placed.group)[sight.placed.group].astype(float)
+    out = np.empty((len(sight), 6))
 
     def fit(eye: int) -> None:
         rows, image, noise = sight.rows(eye), views.images[eye], float(views.noise[eye])
@@ -314,12 +315,12 @@ def fitted(sight: Sight, views: Views) -> Steps:
             sight.bend[rows],
             sight.limb[rows],
             flank[rows],
+            together[rows],
         )
         if not views.look[eye].any():
             views.look[eye] = look_of(image, outline, beside[rows], tone, noise)
-        blur, walk, own = views.look[eye].tolist()
-        quality = Quality(tone, blur, noise, walk, own)
-        fit_steps(image, outline, beside[rows], quality, out[rows])
+        blur, walk, slope = views.look[eye].tolist()
+        fit_steps(image, outline, beside[rows], Quality(tone, blur, noise, walk, slope), out[rows])
 
     spread(fit, range(len(views)))
     known = np.isfinite(out[:, 0])

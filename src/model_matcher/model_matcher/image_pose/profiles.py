@@ -35,6 +35,8 @@ class Stretches(NamedTuple):
         1 or -1: the side, along the normal, on which a curved surface turns away from the eye; 0 where none does.
     flank : (n,) int32
         Pixels to either side that nothing else of the outline crosses but what runs beside it; 0: there is no room.
+    together : (n,) float64
+        Points of the same curve: along it shade has one slope, of which each knows so little more beforehand.
     """
 
     pixel: FloatArray
@@ -43,11 +45,12 @@ class Stretches(NamedTuple):
     bend: FloatArray
     limb: FloatArray
     flank: Int32Array
+    together: FloatArray
 
     def some(self, rows: IntArray) -> Stretches:
         """Some of them."""
-        pixel, normal, spacing, bend, limb, flank = self
-        return Stretches(pixel[rows], normal[rows], spacing[rows], bend[rows], limb[rows], flank[rows])
+        pixel, normal, spacing, bend, limb, flank, together = self
+        return Stretches(pixel[rows], normal[rows], spacing[rows], bend[rows], limb[rows], flank[rows], together[rows])
 
 
 class Quality(NamedTuple):
@@ -64,16 +67,15 @@ class Quality(NamedTuple):
     walk : float
         Grey levels for a root of a pixel, sigma: by how much shade, print and grain make the levels beside a step
         wander.
-    own : float
-        Share of what a profile leaves beyond that, from 0 to 1, that is its own and not chance: levels wander farther
-        at some places than at others.
+    slope : float
+        Grey levels a pixel, sigma of the slopes that shade has beside a step.
     """
 
     tone: float
     blur: float
     noise: float
     walk: float
-    own: float
+    slope: float
 
 
 @njit(nogil=True)
@@ -282,7 +284,10 @@ def fit_steps(image: ByteArray, outline: Stretches, beside: FloatArray, quality:
 
     Least squares in contrasts and places. The derivative by a place is largest at its step, so that nothing which white
     noise allows is given away (the maximum of a filter gives up a third). Shade, print and grain make the levels wander
-    beside a step, the farther the more: what is far from it says the less of its place.
+    beside a step, the farther the more: what is far from it says the less of its place. Two things would pull all
+    points of a curve to the same side, and are not left to the walk: shade that grows on one side of the step only, of
+    which the half that is even about the step, s |x - d_0|, is one more unknown; and noise that a camera cuts off where
+    it would be below black or above white, whose mean is taken off the levels.
 
     Parameters
     ----------
@@ -291,15 +296,17 @@ def fit_steps(image: ByteArray, outline: Stretches, beside: FloatArray, quality:
     beside : (n, m) float64
         Pixels from each point to further steps across its normal, o_k; not a number where there are fewer.
     quality : Quality
-    fitted : (n, 4) float64
+    fitted : (n, 6) float64
         Filled with: d_0, pixels along the normal; its variance; the contrast b_0; mean squared residual, in units of
-        what noise and walk make it. Not a number where the profile leaves the image, shows no step or one farther than
-        FARTHEST_STEP away.
+        what noise and walk make it; the slope s; its variance. Not a number where the profile leaves the image, shows
+        no step or one farther than FARTHEST_STEP away.
     """
-    tone, blur, noise, walk, own = quality
+    tone, blur, noise, walk, slope = quality
     levels = 255.0 * (np.arange(256.0) / 255.0) ** tone
+    # Of a pixel's noise in light, at either end of the scale.
+    black, white = 255.0 * (noise / 255.0) ** tone, tone * noise
     seen = np.empty((4, 2 * FLANK + 1))
-    most = 3 + 2 * beside.shape[1]
+    most = 4 + 2 * beside.shape[1]
     x, low = np.empty(most), np.empty((most, most))
     wide = 2 * FLANK + 1
     sums = _Sums(
@@ -313,10 +320,8 @@ def fit_steps(image: ByteArray, outline: Stretches, beside: FloatArray, quality:
         pixels = pixel_profile(image, levels, at, outline.spacing[n], outline.bend[n], r, levels_seen) if r > 0 else 0
         if pixels == 0:
             continue
-        steps = 2
-        while steps < most - 1 and not math.isnan(beside[n, steps // 2 - 1]):
-            steps += 2
-        size = steps + (outline.limb[n] != 0.0)
+        steps = _unknowns_of_steps(beside[n])
+        size = steps + (outline.limb[n] != 0.0) + 1
         mixed = math.sqrt(levels_seen[2].mean() / UNIFORM_VARIANCE)
         for k in range(2 * r + 1):
             narrow = 1.0 / math.sqrt(blur * blur + seen[2, k])
@@ -328,17 +333,26 @@ def fit_steps(image: ByteArray, outline: Stretches, beside: FloatArray, quality:
         # From one level to the next, less what a mean of pixels at places so far apart leaves of it.
         wander = (walk * light) ** 2 * (max(abs(at[2]), abs(at[3])) - mixed / 3.0)
         x[:] = 0.0
-        how = _Fit(steps, size, outline.limb[n], variance, wander)
+        how = _Fit(
+            steps, size, outline.limb[n], variance, wander, slope * light * math.sqrt(outline.together[n]), black, white
+        )
         squares = _converged(levels_seen, beside[n], how, x, low, sums)
-        unexplained = squares / max(2 * r - size, 1)
-        excess = own * (unexplained - 1.0)
-        if excess > 0.0:
-            how = _Fit(steps, size, outline.limb[n], variance, wander + excess * (2.0 * variance + wander))
-            _converged(levels_seen, beside[n], how, x, low, sums)
         if not abs(x[0]) < FARTHEST_STEP or abs(x[1]) < BOUND_SIGMA * math.sqrt(variance):
             continue
         fitted[n, 0], fitted[n, 1] = x[0], _variance(low, size, 0)
-        fitted[n, 2], fitted[n, 3] = x[1], unexplained
+        fitted[n, 2], fitted[n, 3] = x[1], squares / max(2 * r - size, 1)
+        fitted[n, 4], fitted[n, 5] = x[size - 1], _variance(low, size, size - 1)
+
+
+@njit(nogil=True)
+def _unknowns_of_steps(beside: FloatArray) -> int:
+    """Places and contrasts of the steps of a profile: its own, and those beside it (m,)."""
+    steps = 2
+    for place in beside:
+        if math.isnan(place):
+            break
+        steps += 2
+    return steps
 
 
 @njit(nogil=True)
@@ -380,6 +394,10 @@ class _Fit(NamedTuple):
         See :class:`Stretches`.
     variance, walk : float
         Of the noise of a level of the profile, and of the walk from one to the next.
+    slope : float
+        Levels a pixel, sigma of the slope of shade beside the step.
+    black, white : float
+        Sigmas of a pixel's noise where it is black and where it is white.
     """
 
     steps: int
@@ -387,6 +405,9 @@ class _Fit(NamedTuple):
     limb: float
     variance: float
     walk: float
+    slope: float
+    black: float
+    white: float
 
 
 class _Sums(NamedTuple):
@@ -464,11 +485,15 @@ def _normal_equations(seen: FloatArray, beside: FloatArray, how: _Fit, x: FloatA
         _step_rows(at, x[j + 1], seen[1:], rows[j], rows[j + 1])
         for k in range(n):
             e[k] -= x[j + 1] * rows[j + 1, k]
-    if size > steps:
+    for k in range(n):
+        rows[size - 1, k] = abs(seen[1, k] - x[0])
+        e[k] -= x[size - 1] * rows[size - 1, k]
+    if size > steps + 1:
         # Near the limb of a curved surface its normal, and with it the shading, turns with the root of the distance.
         for k in range(n):
             rows[steps, k] = math.sqrt(max(how.limb * (seen[1, k] - x[0]), 0.0))
             e[k] -= x[steps] * rows[steps, k]
+    _without_clipped(seen[0], how, e)
     for i in range(size):
         right[i], white[i] = 0.0, 0.0
         for j in range(i + 1):
@@ -484,10 +509,40 @@ def _normal_equations(seen: FloatArray, beside: FloatArray, how: _Fit, x: FloatA
             for j in range(i + 1):
                 normal[i, j] += white[i] * white[j]
     for i in range(size):
-        believed = ON_EDGE if i < steps and i % 2 == 0 else CONTRAST
+        believed = ON_EDGE if i < steps and i % 2 == 0 else (how.slope if i == size - 1 else CONTRAST)
         normal[i, i] += 1.0 / believed**2
         right[i] -= x[i] / believed**2
     return squares
+
+
+@njit(nogil=True)
+def _without_clipped(levels: FloatArray, how: _Fit, e: FloatArray) -> None:
+    """Take off residuals (n,), in place, what noise below black or above white has cut off levels (n,)."""
+    n = len(levels)
+    if levels.min() > BOUND_SIGMA * how.black and levels.max() < 255.0 - BOUND_SIGMA * how.white:
+        return
+    base = e.mean()
+    for _ in range(2):
+        clipped = 0.0
+        for k in range(n):
+            clipped += _clipped(base + levels[k] - e[k], how)
+        base = e.mean() - clipped / n
+    for k in range(n):
+        e[k] -= _clipped(base + levels[k] - e[k], how)
+
+
+@njit(nogil=True)
+def _clipped(light: float, how: _Fit) -> float:
+    """By how much the mean of noisy pixels of so much light is off it, where those below 0 and above 255 are cut."""
+    low, high = max(light, 0.0) / how.black, max(255.0 - light, 0.0) / how.white
+    return float(how.black * _tail_mean(low) - how.white * _tail_mean(high))
+
+
+@njit(nogil=True)
+def _tail_mean(t: float) -> float:
+    """The mean of what a standard normal variable exceeds t by."""
+    bell = math.exp(-0.5 * t * t)
+    return float(0.3989422804014327 * bell - t * _normal_integral(-t, bell))
 
 
 @njit(nogil=True)

@@ -23,6 +23,10 @@ FLANK = 4
 # while the blur is looked for, and what is tried, from less than the noise of a good camera to strong print.
 FIRST_WALK = 4.0
 WALKS = tuple(0.03125 * 2.0 ** (0.5 * k) for k in range(19))
+# Grey levels a pixel, sigma of the slope of shade beside a step: what is believed before a picture shows it, that of a
+# rod thirty pixels wide from lit to dark; and the least, of which nothing is seen in a picture of whole levels.
+FIRST_SLOPE = 2.0
+LEAST_SLOPE = 0.05
 # Pixels, sigmas that are added to the steps' own while a pose is drawn in: from half the reach to the width of an edge.
 DRAWN_IN = (4.0, 2.8, 2.0, 1.4, 1.0, 0.7)
 # Square radians: variance of a turn about an axis above which nothing shows it, that of an angle anywhere within a

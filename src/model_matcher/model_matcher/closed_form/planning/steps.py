@@ -19,7 +19,7 @@ from msgs_py.numeric.settings import BOUND_SIGMA
 from msgs_py.numeric.typed import AnyArray, FloatArray, Int32Array
 
 from ...geometry.settings import UNIFORM_VARIANCE
-from ...image_pose.settings import CONTRAST, FLANK, ON_EDGE, WALKS
+from ...image_pose.settings import CONTRAST, FLANK, LEAST_SLOPE, ON_EDGE, WALKS
 from .settings import BESIDE
 
 
@@ -102,8 +102,9 @@ def place_variances(
     """Variance that noise gives the places of steps as they are fitted to their profiles.
 
     The fit is that of :func:`model_matcher.image_pose.profiles.fit_steps`: the level before the step, its place and
-    height, the shading of a curved surface that turns away from the eye, and places and heights of further steps beside
-    are estimated together, while a walk of the levels is allowed for, which costs some of what noise alone would leave.
+    height, the slope of shade beside it, the shading of a curved surface that turns away from the eye, and places and
+    heights of further steps beside are estimated together, while a walk of the levels is allowed for, which costs some
+    of what noise alone would leave.
     Of the steps beside, the height is taken for the step's own.
 
     Parameters
@@ -130,7 +131,7 @@ def place_variances(
     >>> alone = Profiles(np.array([4]), np.zeros(1), np.full((1, 2), np.nan), np.array([4.0]))
     >>> variance = place_variances(np.array([50.0]), alone, 0.6, 2.0)
     >>> (1.0 / variance / (4.0 * edge_information(50.0, 0.6, 2.0))).round(2).tolist()
-    [0.77]
+    [0.76]
     """
     n, reach = len(contrast), np.arange(-FLANK, FLANK + 1.0)
     height = np.abs(contrast)[:, None]
@@ -142,7 +143,8 @@ def place_variances(
         columns += [np.where(there, -height * np.exp(-0.5 * t * t) / (np.sqrt(2.0 * np.pi) * blur), 0.0)]
         columns += [np.where(there, ndtr(t), 0.0)]
         believed += [ON_EDGE, CONTRAST]
-    columns += [np.sqrt(np.maximum(profiles.limb[:, None] * reach, 0.0))]
+    columns += [np.sqrt(np.maximum(profiles.limb[:, None] * reach, 0.0)), np.abs(reach - 0.25) + 0.0 * height]
+    believed += [CONTRAST, LEAST_SLOPE]
     rows = np.diff(np.stack(columns, axis=2), axis=1)
     rows *= (np.abs(reach[:-1] + 0.5) < profiles.flank[:, None])[..., None]
     # Differences of neighbours: the level before all falls out, and a walk leaves them independent.
@@ -157,7 +159,7 @@ def place_variances(
     if good.any():
         rows, apart = rows[good], apart[good]
         weighed = np.linalg.solve(allowed[good], rows)
-        normal = np.swapaxes(rows, 1, 2) @ weighed + np.diag(1.0 / np.square([*believed, CONTRAST]))
+        normal = np.swapaxes(rows, 1, 2) @ weighed + np.diag(1.0 / np.square(believed))
         gain = np.linalg.solve(normal, np.swapaxes(weighed, 1, 2))[:, :1]
         out[good] = (gain @ apart @ np.swapaxes(gain, 1, 2))[:, 0, 0]
     return out
