@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from csg_renderer import Light, Scene, Solid, Surface, Terrain, render
+from csg_renderer.raycast.raw_view import box_samples
 from msgs_py import PinholeCamera, Pose
 
 CAMERA = PinholeCamera.centred(72, 60, 110.0)
@@ -76,3 +77,12 @@ def test_what_is_not_certain_takes_all_samples(options):
     sparse, full = (render(scene, CAMERA, antialias=2, every_pixel=every, **options) for every in (False, True))
     assert np.array_equal(sparse.image, full.image)
     assert sparse.stats.intersections == full.stats.intersections
+
+
+def test_samples_are_all_in_columns_and_rows_of_their_own():
+    for n in (1, 2, 3, 6, 16):
+        right, below, weight = box_samples(n).T
+        even = (np.arange(n * n) + 0.5) / (n * n) - 0.5
+        np.testing.assert_allclose(np.sort(right), even, atol=1e-12)
+        np.testing.assert_allclose(np.sort(below), even, atol=1e-12)
+        assert weight.sum() == pytest.approx(1.0)

@@ -52,6 +52,7 @@ from .settings import (
     SHORT_WORD_PARALLEL_ROUNDINGS,
     SHORT_WORD_ROUNDINGS,
 )
+from .raw_view import box_samples
 from .stop import Stop
 
 OPERATOR_NAMES = {UNION: 'UNION', INTERSECT: 'INTERSECT', DIFFERENCE: 'DIFFERENCE', REVERSED_DIFFERENCE: 'DIFFERENCE'}
@@ -115,10 +116,9 @@ def _image(tracer: _Tracer) -> ImageHits:
             tile, 0.0, 0.0, options.box == 0
         )
         if options.box:
-            n = options.box
-            offsets = [((i + 0.5) / n - 0.5, (j + 0.5) / n - 0.5) for j in range(n) for i in range(n)]
+            offsets = box_samples(options.box)[:, :2].tolist()
             samples = (np.clip(tracer.trace(tile, du, dv)[0], 0.0, 1.0) for du, dv in offsets)
-            colour = np.asarray(sum(samples) / n**2)
+            colour = np.asarray(sum(samples) / len(offsets))
         found.colours[area] = colour
     if not options.tiling:
         tracer.stats.tiles = 1

@@ -18,7 +18,7 @@ from .frame import FACE_SLOTS, MISS, Frame, RenderOptions, RenderStats
 from .frame_buffers import ImageHits
 from .programs.program import View, program_of, view_of
 from .programs.pruning import Tile, boundary, tiles, untiled
-from .raw_view import raw_view
+from .raw_view import box_samples, raw_view
 from .reference import Hits, cast, normals, transmission
 from .reference_surfaces import SurfaceTracer
 from .settings import AT_ONCE, CROW_OFFSETS, CROW_WEIGHTS
@@ -172,13 +172,9 @@ class _Tracer:
 
     def box_mean(self, u: IntArray, v: IntArray, tile: Tile) -> FloatArray:
         """(n, 3): the mean of the colours of n x n samples in each pixel (options.box)."""
-        n = self.options.box
-        total = sum(
-            np.clip(self.trace(u + (i + 0.5) / n - 0.5, v + (j + 0.5) / n - 0.5, tile)[1], 0.0, 1.0)
-            for j in range(n)
-            for i in range(n)
-        )
-        return np.asarray(total / n**2)
+        offsets = box_samples(self.options.box)[:, :2].tolist()
+        samples = (np.clip(self.trace(u + right, v + below, tile)[1], 0.0, 1.0) for right, below in offsets)
+        return np.asarray(sum(samples) / len(offsets))
 
     def _transmitted(self, points: FloatArray) -> FloatArray | None:
         """(n, lights), or None when shadows are off."""

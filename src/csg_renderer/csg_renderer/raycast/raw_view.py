@@ -18,6 +18,7 @@ import numpy as np
 from msgs_py import LensDistortion, PinholeCamera
 from msgs_py.numeric.typed import FloatArray
 
+from .kernels.places import GOLDEN
 from .kernels.raw_image import add_light
 from .kernels.records import Lens, RawRays
 from .settings import BAND_RAYS, CROW_OFFSETS, CROW_WEIGHTS, MOST_IDEAL_SAMPLES, MOST_RAW_CAMERAS, STRIP_SAMPLES
@@ -118,10 +119,14 @@ def _computed(camera: PinholeCamera, lens: LensDistortion, stop: Stop) -> RawVie
 
 
 def box_samples(n: int) -> FloatArray:
-    """N x n samples of a pixel: how far right and below its centre, pixels, and the weight of each, (n * n, 3)."""
-    places = (np.arange(n) + 0.5) / max(n, 1) - 0.5
-    down, across = np.meshgrid(places, places, indexing='ij')
-    return np.stack([across.ravel(), down.ravel(), np.full(n * n, 1.0 / max(n * n, 1))], axis=1)
+    """N x n samples of a pixel: how far right and below its centre, pixels, and the weight of each, (n * n, 3).
+
+    They lie as :func:`.kernels.places.sample_place` says.
+    """
+    row, column = np.divmod(np.arange(n * n), max(n, 1))
+    rank = np.argsort(np.argsort(np.arange(n) * GOLDEN % 1.0))
+    right, below = ((a + (rank[b] + 0.5) / n) / n - 0.5 for a, b in ((column, row), (row, column)))
+    return np.stack([right, below, np.full(n * n, 1.0 / max(n * n, 1))], axis=1)
 
 
 def crow_samples() -> FloatArray:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..programs.program import TERRAIN
 from ..tiling import NOWHERE
+from .places import sample_place
 from .records import PixelRun
 from .rows import BLUE, DEPTH, GREEN, HIT, NX, NY, NZ, RED, X, kernel
 from .secondary_rays import follow, gather_row, scatter_row
@@ -250,9 +251,10 @@ def mean_row(work, m, run, left, products, count, csg, camera, materials, plan, 
     for sample in range(n * n):
         if work.counts[3] != 0:
             return
-        y = plan.ys[run.row] + ((sample // n + 0.5) / n - 0.5) * plan.dy
+        right, below = sample_place(sample, n)
+        y = plan.ys[run.row] + below * plan.dy
         for j in range(m):
-            s[X + np.uint64(j)] = plan.xs[left + j] + ((sample % n + 0.5) / n - 0.5) * plan.dx
+            s[X + np.uint64(j)] = plan.xs[left + j] + right * plan.dx
         hit_row(work, m, run, y, left, products, count, csg, camera, plan, terrains)
         lit_row(work, m, y, csg, materials, plan, tracing[0], tracing[1], terrains)
         for j in range(ZERO, np.uint64(m)):
