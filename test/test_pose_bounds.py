@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -79,7 +78,7 @@ def test_the_information_of_pictures_that_change_with_the_pose_is_that_of_their_
             change = sign * step * np.eye(6)[k]
             turn = Pose.from_rotation_vector(change[3:])
             pose = Pose(turn.rotation @ POSE.rotation, POSE.translation + change[:3])
-            pair.append(np.concatenate([image.ravel() for image in blurred(views(pose, solid, antialias=16), psf)]))
+            pair.append(np.concatenate([image.ravel() for image in views(pose, solid, antialias=16, psf=psf)]))
         moved.append((pair[0] - pair[1]) / (2.0 * step[k]))
     columns = np.array(moved)
     all_there_is = columns @ columns.T / (noise**2 + 1.0 / 12.0)
@@ -87,10 +86,6 @@ def test_the_information_of_pictures_that_change_with_the_pose_is_that_of_their_
         assert np.linalg.eigvalsh(information).min() > 0.0
     ratio = np.sqrt(np.diag(bound.covariance) / np.diag(np.linalg.inv(all_there_is)))
     assert np.all((ratio > 0.9) & (ratio < 1.15)), ratio
-
-
-def blurred(images: list[np.ndarray], psf: float) -> list[np.ndarray]:
-    return [cv2.GaussianBlur(image, (0, 0), psf) for image in images]
 
 
 @settings(deadline=None, max_examples=15)

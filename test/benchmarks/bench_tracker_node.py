@@ -28,7 +28,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
 from csg_renderer import Light, Scene, SolidOutline, load_models, render_stereo
-from csg_renderer.raycast.sensor import SensorModel, grey
+from csg_renderer.raycast.sensor import SensorModel
 from model_matcher.tracking.motion_filter import placed
 from msgs_py import PinholeCamera, Pose, StereoRig
 from msgs_py.codecs import array_to_image, camera_infos_from_rig, pose_to_message
@@ -38,6 +38,7 @@ PARTS = ('l_shape', 'chipped_block')
 RIG = StereoRig.symmetric(PinholeCamera.centred(640, 480, 600.0), 0.06)
 DOMAIN, TURN_DEG_S, FRAMES = '93', 20.0, 60
 QUANTILES = (50, 90, 99)
+PSF = 0.5
 
 
 class Player:
@@ -51,9 +52,9 @@ class Player:
         self.pairs = []
         for frame in range(FRAMES):
             placed_solids = [solid.transformed(pose) for solid, pose in zip(solids, self.poses(frame))]
-            frames = render_stereo(Scene(placed_solids, lights, (0.2,) * 3, (0.4,) * 3), RIG, antialias=2)
+            frames = render_stereo(Scene(placed_solids, lights, (0.2,) * 3, (0.4,) * 3), RIG, antialias=2, psf=PSF)
             self.pairs.append(
-                [SensorModel(0.5, 1.5, (frame, eye)).apply(grey(one.image)) for eye, one in enumerate(frames)]
+                [SensorModel(PSF, 1.5, (frame, eye)).picture(one, monochrome=True) for eye, one in enumerate(frames)]
             )
         self.context = Context()
         rclpy.init(args=[], context=self.context, domain_id=int(DOMAIN))

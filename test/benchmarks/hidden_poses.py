@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from true_poses import Instance, Part, Pictures, PosedPair, make_part
 
 from csg_renderer import Placement, Scene, Solid, Surface, load_models, parse_scene, render_stereo, scene_path
-from csg_renderer.raycast.sensor import SensorModel, grey
+from csg_renderer.raycast.sensor import SensorModel
 from csg_renderer.visibility.hidden_lines import stereo_fragments
 from model_matcher.closed_form.case import Case
 from model_matcher.closed_form.placement import lights_about
@@ -67,8 +67,8 @@ def hidden_pair(name: str) -> PosedPair:
         background=BACKGROUND,
     )
     left, right = (
-        SensorModel(Case.psf, Case.noise, (int(seed), MODELS.index(model), eye)).apply(grey(frame.image))
-        for eye, frame in enumerate(render_stereo(scene, rig, antialias=ANTIALIAS))
+        SensorModel(Case.psf, Case.noise, (int(seed), MODELS.index(model), eye)).picture(frame, monochrome=True)
+        for eye, frame in enumerate(render_stereo(scene, rig, antialias=ANTIALIAS, psf=Case.psf))
     )
     share = _share(part, stereo_fragments(placed, rig)[0][0])
     others = tuple(_part(other) for other in MODELS if other != model)

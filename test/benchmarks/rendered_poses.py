@@ -11,7 +11,7 @@ import numpy as np
 from pose_bounds import PoseBound, View, pose_bound
 from true_poses import Instance, Part, Pictures, PosedPair, make_part
 
-from csg_renderer import render_stereo, scene_names
+from csg_renderer import Frame, render_stereo, scene_names
 from csg_renderer.raycast.sensor import SensorModel, grey
 from model_matcher.closed_form.case import Case
 from model_matcher.closed_form.planning.steps import sensor_blur
@@ -24,13 +24,13 @@ VIEW = re.compile(r'(?!widget)\w+_v[12]$')
 
 
 @lru_cache(maxsize=32)
-def _view(name: str) -> tuple[PreparedCase, Part, tuple[np.ndarray, np.ndarray], PoseBound]:
-    """A case, its part, its pictures before the sensor, and the bound of its pose behind it."""
+def _view(name: str) -> tuple[PreparedCase, Part, tuple[Frame, Frame], PoseBound]:
+    """A case, its part, its pictures before the chip, and the bound of its pose behind it."""
     case = Case(name)
     with tempfile.TemporaryDirectory() as folder:
         ready = prepare(case, Path(folder))
     solid = ready.scene.placements[0].model
-    left, right = (grey(f.image) for f in render_stereo(ready.scene, ready.rig, antialias=case.antialias))
+    left, right = render_stereo(ready.scene, ready.rig, antialias=case.antialias, psf=case.psf)
     eyes = (ready.rig.left, Pose.identity()), (ready.rig.right, Pose(np.eye(3), ready.rig.right_T_left))
     sharp = render_stereo(ready.scene, ready.rig)
     views = [View(camera, pose, grey(frame.image)) for (camera, pose), frame in zip(eyes, sharp)]
@@ -45,9 +45,10 @@ def view_names() -> list[str]:
 
 def rendered_pair(name: str, seed: int) -> PosedPair:
     """A view with noise of its own; the sensor is that of a closed-form case."""
-    ready, part, pictures, bound = _view(name)
+    ready, part, frames, bound = _view(name)
     left, right = (
-        SensorModel(Case.psf, Case.noise, (seed, 0, eye)).apply(picture) for eye, picture in enumerate(pictures)
+        SensorModel(Case.psf, Case.noise, (seed, 0, eye)).picture(frame, monochrome=True)
+        for eye, frame in enumerate(frames)
     )
     pair = Pictures(f'{name} {seed}', RENDERED, left, right, ready.rig)
     return PosedPair(pair, (Instance(part, ready.true_pose, 1.0, part.axis),), (part,), (bound,))

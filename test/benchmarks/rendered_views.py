@@ -8,13 +8,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from csg_renderer import Light, Scene, Solid, load_models, model_features, render_stereo, scene_path
-from csg_renderer.raycast.sensor import SensorModel, grey
+from csg_renderer.raycast.sensor import SensorModel
 from msgs_py import FeatureSet, PinholeCamera, Pose, StereoRig
 from stereo_recovery import recover
 
 CAMERA = PinholeCamera.centred(512, 512, 703.0)
 DISTANCES = (3.2, 5.0)  # of the camera, in sizes of the object
 BASELINE = 0.2  # of the distance
+PSF = 0.5  # of the lens, pixels
 
 
 def load_object(file: str) -> tuple[Solid, FeatureSet]:
@@ -57,7 +58,7 @@ def rendered_view(solid: Solid, model: FeatureSet, seed: int, samples: int = 2) 
     ]
     scene = Scene([solid.transformed(pose)], lights, (rng.uniform(0.1, 0.3),) * 3, (rng.uniform(0.0, 0.7),) * 3)
     left, right = (
-        SensorModel(0.5, 2.0, (seed, eye)).apply(grey(frame.image))
-        for eye, frame in enumerate(render_stereo(scene, rig, antialias=samples))
+        SensorModel(PSF, 2.0, (seed, eye)).picture(frame, monochrome=True)
+        for eye, frame in enumerate(render_stereo(scene, rig, antialias=samples, psf=PSF))
     )
     return RenderedView(left, right, rig, pose)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from csg_renderer import Scene, default_rig, load_scene, model_features, render_stereo, scene_names, scene_path
-from csg_renderer.raycast.sensor import SensorModel, grey
+from csg_renderer.raycast.sensor import SensorModel
 from msgs_py import FeatureSet, Pose, StereoRig
 
 Cell = float | int | str | None
@@ -167,8 +167,10 @@ def stereo_images(
     left_T_scene: Pose | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(h, w) uint8 left and right, as a camera would give them."""
-    frames = render_stereo(scene, rig, left_T_scene, antialias=antialias)
-    left, right = (SensorModel(psf, noise, (seed, 0, eye)).apply(grey(frame.image)) for eye, frame in enumerate(frames))
+    frames = render_stereo(scene, rig, left_T_scene, antialias=antialias, psf=psf)
+    left, right = (
+        SensorModel(psf, noise, (seed, 0, eye)).picture(frame, monochrome=True) for eye, frame in enumerate(frames)
+    )
     return left, right
 
 

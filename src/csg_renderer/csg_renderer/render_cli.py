@@ -111,6 +111,7 @@ def render_files(scene: Scene, options: argparse.Namespace) -> list[Path]:
         'aperture': options.aperture / 1000.0,
         'focus': options.focus / 1000.0,
         'pinholes': options.pinholes,
+        'psf': options.psf,
     }
     # A single picture needs no baseline, and a scene with nothing in front of the camera suggests none.
     baseline = options.baseline / 1000.0 if options.baseline else 0.0 if options.stereo else 1.0

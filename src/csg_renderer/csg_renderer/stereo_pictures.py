@@ -140,6 +140,7 @@ def frames_of(
         focus=config.focus,
         motion=moved_by(camera_T_scene, config.motion[:3], config.motion[3:]) if config.motion else (),
         pinholes=config.pinholes,
+        psf=config.psf,
         radiance=config.sensor(0, 0).fine,
     )
 

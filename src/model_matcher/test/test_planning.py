@@ -102,7 +102,7 @@ def test_predicted_errors_are_those_of_poses_measured_in_drawn_pictures(l_shape)
     for number, pose in enumerate(VOLUME.views(24, RIG, l_shape.ball)):
         prediction = predict(l_shape, pose, RIG)
         images = [
-            SensorModel(RIG.sensor.psf, RIG.sensor.noise, (number, eye)).apply(picture)
+            SensorModel(noise_sigma=RIG.sensor.noise, seed=(number, eye)).apply(picture)
             for eye, picture in enumerate(l_shape.pictures([pose], RIG, 4))
         ]
         found = measure_pose(l_shape.index.shape, pose, Views.of(images, RIG.cameras)).pose

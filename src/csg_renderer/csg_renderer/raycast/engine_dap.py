@@ -43,6 +43,7 @@ from .programs.program import (
 )
 from .programs.pruning import Tile, boundary, tiles, untiled
 from .programs.tree_order import early_outs, left_heavy
+from .raw_view import box_samples
 from .settings import (
     CROW_OFFSETS,
     CROW_WEIGHTS,
@@ -52,7 +53,6 @@ from .settings import (
     SHORT_WORD_PARALLEL_ROUNDINGS,
     SHORT_WORD_ROUNDINGS,
 )
-from .raw_view import box_samples
 from .stop import Stop
 
 OPERATOR_NAMES = {UNION: 'UNION', INTERSECT: 'INTERSECT', DIFFERENCE: 'DIFFERENCE', REVERSED_DIFFERENCE: 'DIFFERENCE'}

@@ -23,6 +23,8 @@ ENGINES = {'native': 'engine_native', 'reference': 'engine_reference', 'dap': 'e
 ONLY = {'early_outs': ('dap',), 'left_heavy': ('dap',)}
 # Engines that follow rays of any directions; the array machine's are those of rows and columns.
 DISTORTING = ('native', 'reference')
+# Engines that leave samples out where they cannot differ, see RenderOptions.every_pixel.
+SPARING = ('native',)
 # Engines that know Phong's model and lights that are points, and nothing else.
 PHONG_ONLY = ('dap',)
 
@@ -88,6 +90,25 @@ def refuse_surfaces(name: str, program: Program) -> None:
             f'engine: {name!r} shows no TEXTURE, METAL, ENVIRONMENT or RADIUS of a LIGHT, and the scene has one; '
             f'{", ".join(repr(other) for other in ENGINES if other not in PHONG_ONLY)} do'
         )
+
+
+def spares(name: str, options: RenderOptions, program: Program, view: ViewPose) -> bool:
+    """Whether an engine takes the n x n samples of a pixel only where they may differ.
+
+    Parameters
+    ----------
+    name : str
+        Of the engine.
+    options : RenderOptions
+    program : Program
+    view : ViewPose
+
+    Returns
+    -------
+    bool
+    """
+    plain = program.surfaces is None and len(program.terrains) == 0 and view.lens is None
+    return name in SPARING and options.sparse and plain
 
 
 def engine_named(name: str) -> Engine:

@@ -93,6 +93,10 @@ class RenderOptions:
         camera's own pose.
     pinholes : int
         How many points of the lens and moments of the exposure are averaged, 1..4096, in place of ``antialias``.
+    psf : float
+        Standard deviation of the Gaussian by which the lens spreads light before pixels count it, pixels. The picture
+        is rendered finer first, by n pixels along each side of a pixel, where n psf is 2 or n is 8, each of them as
+        ``antialias`` says; where all pixels take all samples, they share those out.
 
     Raises
     ------
@@ -120,6 +124,7 @@ class RenderOptions:
     motion: tuple[Pose, ...] = ()
     pinholes: int = DEFAULT_PINHOLES
     every_pixel: bool = False
+    psf: float = 0.0
 
     def __post_init__(self) -> None:
         for name, (low, high) in OPTION_LIMITS.items():
@@ -127,7 +132,7 @@ class RenderOptions:
             if int(value) != value or not low <= value <= high:
                 raise ValueError(f'{name}: expected a whole number in {low}..{high}, got {value}')
             object.__setattr__(self, name, int(value))
-        for name in ('aperture', 'focus'):
+        for name in ('aperture', 'focus', 'psf'):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise ValueError(f'{name}: expected a length >= 0, got {getattr(self, name):g}')
         if self.aperture and not self.focus:
@@ -183,6 +188,8 @@ class Frame:
     stats : RenderStats
     radiance : (h, w, 3) float32, optional
         Linear RGB, 0..1: what the image rounds to bytes. None where nobody asked for it.
+    psf : float
+        Pixels, the lens' blur that is in the image.
     lens : LensDistortion, optional
         Of a raw picture: pixels, and the truth behind them, are those of the raw camera, whose matrix ``camera`` has.
         Pixels that no light reaches are black, and their truth is that of background.
@@ -199,6 +206,7 @@ class Frame:
     stats: RenderStats = field(default_factory=RenderStats)
     radiance: np.ndarray | None = field(default=None, repr=False)
     lens: LensDistortion | None = None
+    psf: float = 0.0
 
     @property
     def mask(self) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,13 @@ from msgs_py import LensDistortion, PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.steps import CompileStep
 
 from ..scene.scene import Scene
-from .engines import Engine, ViewPose, engine_named, refuse_options, refuse_surfaces
+from .engines import Engine, ViewPose, engine_named, refuse_options, refuse_surfaces, spares
 from .exposure import mean_pictures
 from .frame import Frame, RenderOptions, RenderStats
+from .lens_blur import blurred_light, finer
 from .programs.program import program_of
 from .raw_view import mean_light
-from .settings import DEFAULT_BASELINE_RATIO, DEFAULT_FOCAL, DEFAULT_SIZE
+from .settings import DEFAULT_BASELINE_RATIO, DEFAULT_FOCAL, DEFAULT_SIZE, WHITE
 from .shading import quantise
 from .stop import Stop
 
@@ -191,8 +193,8 @@ def render(
         Its distortion makes the picture the raw one of a camera with the calibration matrix of ``camera``: a ray for
         every raw pixel. Of 'native' and 'reference'.
     **options
-        ``tile_size``, ``threads``, ``samples``, ``aperture``, ``focus``, ``motion``, ``pinholes``, ``early_outs``,
-        ``left_heavy`` and ``radiance`` of :class:`RenderOptions`.
+        ``tile_size``, ``threads``, ``samples``, ``aperture``, ``focus``, ``motion``, ``pinholes``, ``psf``,
+        ``early_outs``, ``left_heavy`` and ``radiance`` of :class:`RenderOptions`.
 
     Returns
     -------
@@ -285,10 +287,7 @@ def _render_views(
     refuse_options(engine, options, views)
     refuse_surfaces(engine, program_of(_checked(scene)))
     start = time.perf_counter()
-    if options.averaged or (options.box and any(view.lens is not None for view in views)):
-        frames = _mean_frames(_Rendering(chosen, _checked(scene), options, stop), views)
-    else:
-        frames = chosen.render_views(_checked(scene), views, options, stop)
+    frames = _Rendering(engine, chosen, scene, options, stop).seen(views, views[0].camera_T_scene)
     for frame in frames:
         frame.stats.seconds = (time.perf_counter() - start) / len(views)
     return frames
@@ -298,6 +297,7 @@ def _render_views(
 class _Rendering:
     """A scene that an engine renders in some way."""
 
+    name: str
     engine: Engine
     scene: Scene
     options: RenderOptions
@@ -306,7 +306,26 @@ class _Rendering:
     @property
     def once(self) -> RenderOptions:
         """With one ray a pixel of a pinhole, and what the image rounds to bytes."""
-        return replace(self.options, antialias=0, radiance=True, aperture=0.0, motion=())
+        return replace(self.options, antialias=0, radiance=True, aperture=0.0, motion=(), psf=0.0)
+
+    def seen(self, views: Sequence[ViewPose], left: Pose) -> list[Frame]:
+        """Frames, with all that is asked for; left : the camera whose poses ``options.motion`` are."""
+        options = self.options
+        if options.psf > 0.0:
+            return _blurred_frames(self, views, left)
+        if options.averaged or (options.box and any(view.lens is not None for view in views)):
+            return _mean_frames(self, views, left)
+        return self.engine.render_views(self.scene, views, options, self.stop)
+
+    def sharp(self, view: ViewPose) -> _Rendering:
+        """Finer pictures of a view, before the lens has blurred them."""
+        options = self.options
+        antialias = options.antialias
+        if options.box and not spares(self.name, options, program_of(self.scene), view):
+            # Finer pixels share out the samples.
+            antialias = options.box // finer(options.psf)
+            antialias = antialias if antialias > 1 else 0
+        return replace(self, options=replace(options, psf=0.0, antialias=antialias))
 
     def light(self, views: Sequence[ViewPose], left: Pose) -> tuple[list[np.ndarray], list[RenderStats]]:
         """What ideal cameras see, (h, w, 3) each, and the work it took; through their apertures, in their exposures."""
@@ -321,9 +340,28 @@ class _Rendering:
         return self.engine.render_views(self.scene, views, self.once, self.stop)
 
 
-def _mean_frames(rendering: _Rendering, views: Sequence[ViewPose]) -> list[Frame]:
+def _blurred_frames(rendering: _Rendering, views: Sequence[ViewPose], left: Pose) -> list[Frame]:
+    """Frames of one ray a pixel with the light that a lens has blurred."""
+    frames = rendering.frames(views)
+    for frame, view in zip(frames, views):
+        light = partial(_sharp_light, rendering.sharp(view), view, left, frame.stats)
+        frame.psf = rendering.options.psf
+        _with_light(frame, blurred_light(view.camera, frame.psf, light), rendering.options)
+    return frames
+
+
+def _sharp_light(
+    rendering: _Rendering, view: ViewPose, left: Pose, stats: RenderStats, part: PinholeCamera
+) -> np.ndarray:
+    """What a finer camera sees in place of that of a view, (h, w, 3); its work is counted."""
+    (frame,) = rendering.seen([view._replace(camera=part)], left)
+    stats.add(frame.stats)
+    return np.asarray(frame.image / np.float32(WHITE) if frame.radiance is None else frame.radiance)
+
+
+def _mean_frames(rendering: _Rendering, views: Sequence[ViewPose], left: Pose) -> list[Frame]:
     """Frames whose pixels are means over their area, the aperture and the exposure."""
-    left, options = views[0].camera_T_scene, rendering.options
+    options = rendering.options
     frames = rendering.frames(views)
     ideal = [k for k, view in enumerate(views) if view.lens is None]
     light, stats = rendering.light([views[k] for k in ideal], left) if options.averaged else ([], [])

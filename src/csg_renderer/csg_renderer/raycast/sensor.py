@@ -14,7 +14,7 @@ IEC 61966-2-1 (sRGB).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -34,7 +34,8 @@ class SensorModel:
     Parameters
     ----------
     psf_sigma : float
-        Standard deviation of the Gaussian point spread function, pixels, >= 0.
+        Standard deviation of the Gaussian point spread function, pixels, >= 0. Here it blurs pixels; to blur light, as
+        lenses do, render with ``psf`` (see :class:`RenderOptions`), which :meth:`picture` knows of.
     noise_sigma : float
         Standard deviation of additive Gaussian noise, grey levels, >= 0: what does not depend on the light, after the
         gain.
@@ -122,7 +123,7 @@ class SensorModel:
         return self != SensorModel(self.psf_sigma, self.noise_sigma, self.seed, bayer=self.bayer)
 
     def picture(self, frame: Frame, monochrome: bool = False) -> np.ndarray:
-        """The picture of a rendered frame, from its radiance where it has one.
+        """The picture of a rendered frame, from its radiance where it has one, with the blur that it has not yet.
 
         Parameters
         ----------
@@ -136,7 +137,8 @@ class SensorModel:
             As :meth:`apply`.
         """
         light = frame.image if frame.radiance is None else WHITE * frame.radiance
-        return self.apply(grey(light) if monochrome else light)
+        left = replace(self, psf_sigma=float(np.sqrt(max(self.psf_sigma**2 - frame.psf**2, 0.0))))
+        return left.apply(grey(light) if monochrome else light)
 
     def apply(self, image: np.ndarray) -> np.ndarray:
         """An image as the sensor gives it: blurred, then with noise, then rounded and clipped.

@@ -90,6 +90,9 @@ MOST_IDEAL_SAMPLES = 64
 # Samples of an ideal picture that are rendered at once, 43 bytes each; rays of a raw one that are computed at once, in
 # a fifth of a second.
 STRIP_SAMPLES, BAND_RAYS = 2**20, 2**17
+# Pixels of a finer picture, sigma of the lens' blur in it, and how many times finer it is at most: an edge anywhere in
+# such pixels is then found to a thousandth of one of the picture, and what a blur is less than that the pixel hides.
+FINE_PSF, MOST_FINER = 2.0, 8
 # Whole exponents below this are raised by repeated squaring (measured on rendered views, no command kept: ten times as
 # fast as the general power).
 MOST_SQUARED_EXPONENT = 4096.0

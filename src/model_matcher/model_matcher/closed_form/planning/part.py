@@ -69,7 +69,7 @@ class PlannedPart:
     def pictures(
         self, poses: Sequence[Pose], rig: PlannedRig, antialias: int, clutter: Sequence[tuple[str, Pose]] = ()
     ) -> list[FloatArray]:
-        """What perfect cameras see.
+        """What cameras see whose chips are perfect.
 
         Parameters
         ----------
@@ -77,23 +77,23 @@ class PlannedPart:
             left_T_part of every part in the picture.
         rig : PlannedRig
         antialias : int
-            Samples along each side of a pixel; 0 for one in its middle.
+            Samples along each side of a pixel; 0 for one in its middle, before a lens that is perfect, too.
         clutter : sequence of (str, Pose)
             Of :func:`~model_matcher.closed_form.scene_files.clutter_about`.
 
         Returns
         -------
         list of (h, w) float64
-            Grey levels 0..255 of each camera, neither blurred nor noisy.
+            Grey levels 0..255 of each camera, without noise.
         """
         others = [] if not clutter else parse_scene('\n'.join(['UNITS M;', *clutter_lines(clutter)])).placements
         solids = [self.solid.transformed(pose) for pose in poses] + [one.solid for one in others]
         depths = [float(pose.apply(self.ball[0])[2]) for pose in poses] or [one.matrix[2, 3] for one in others]
         lights = _lights(self.scene, float(np.median(depths)) if depths else 1.0)
         scene = Scene(solids, lights, self.scene.ambient_light, self.scene.background)
-        cameras = rig.cameras
+        cameras, psf = rig.cameras, rig.sensor.psf if antialias else 0.0
         return [
-            grey(render(scene, camera, pose.inverse(), antialias=antialias).image)
+            grey(render(scene, camera, pose.inverse(), antialias=antialias, psf=psf).image)
             for camera, pose in zip(cameras.cameras, cameras.poses)
         ]
 

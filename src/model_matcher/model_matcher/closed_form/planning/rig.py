@@ -57,9 +57,9 @@ class Sensor:
         return np.asarray(np.sqrt(self.noise**2 + self.gain * np.maximum(level, 0.0) + UNIFORM_VARIANCE))
 
     def model(self, seed: Sequence[int]) -> SensorModel:
-        """The same for rendered pictures."""
+        """Its chip, for pictures that the lens has blurred."""
         well = 255.0 / self.gain if self.gain > 0.0 else 0.0
-        return SensorModel(self.psf, self.noise, seed, full_well=well)
+        return SensorModel(noise_sigma=self.noise, seed=seed, full_well=well)
 
     def with_noise(self, factor: float) -> Sensor:
         """The same with so many times the noise."""

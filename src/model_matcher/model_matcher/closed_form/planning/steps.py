@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from scipy.special import ndtr
 
@@ -47,12 +46,10 @@ class Profiles(NamedTuple):
 def sensor_blur(psf: float) -> float:
     """What a sensor makes of a step: the blur of its lens and its pixels' own width.
 
-    A sampled kernel of small width is narrower than the Gaussian that it samples.
-
     Parameters
     ----------
     psf : float
-        Pixels, standard deviation of the point spread function, as of :class:`csg_renderer.raycast.sensor.SensorModel`.
+        Pixels, standard deviation of the point spread function of the lens.
 
     Returns
     -------
@@ -64,11 +61,7 @@ def sensor_blur(psf: float) -> float:
     >>> round(sensor_blur(0.0), 4), round(sensor_blur(1.0), 4)
     (0.2887, 1.0408)
     """
-    if psf <= 0.0:
-        return float(np.sqrt(UNIFORM_VARIANCE))
-    size = round(8.0 * psf + 1.0) | 1  # as OpenCV chooses it for floats
-    kernel = cv2.getGaussianKernel(size, psf).ravel()
-    return float(np.sqrt(kernel @ np.square(np.arange(size) - size // 2) + UNIFORM_VARIANCE))
+    return float(np.sqrt(psf * psf + UNIFORM_VARIANCE))
 
 
 def edge_information(contrast: FloatArray | float, blur: float, noise: FloatArray | float) -> FloatArray:

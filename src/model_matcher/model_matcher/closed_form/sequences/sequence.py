@@ -193,10 +193,10 @@ class _Stage:
         for time in times:
             part = Placement(self.name, self.model, self.course.pose(time).matrix)
             scene = Scene([part, *self.still, *self._in_front(time)], self.lights, self.ambient, self.background)
-            for total, frame in zip(sums, render_stereo(scene, self.rig, antialias=antialias)):
+            for total, frame in zip(sums, render_stereo(scene, self.rig, antialias=antialias, psf=self.case.psf)):
                 total += grey(frame.image)
         left, right = (
-            SensorModel(self.case.psf, self.case.noise, (self.case.seed, number, eye)).apply(total / len(times))
+            SensorModel(noise_sigma=self.case.noise, seed=(self.case.seed, number, eye)).apply(total / len(times))
             for eye, total in enumerate(sums)
         )
         return left, right
