@@ -104,6 +104,15 @@ def displacement(motion: FloatArray, cameras: FloatArray, placed: Placed, k: int
 
 
 @njit(nogil=True)
+def moved_by(motion: FloatArray, cameras: FloatArray, placed: Placed) -> float:
+    """Pixels, root mean square, that a pose (12,) moves points along their normals from where they were drawn."""
+    total = 0.0
+    for k in range(len(placed.eye)):
+        total += displacement(motion, cameras, placed, k) ** 2
+    return math.sqrt(total / max(len(placed.eye), 1))
+
+
+@njit(nogil=True)
 def align(
     motion: FloatArray,
     middle: FloatArray,

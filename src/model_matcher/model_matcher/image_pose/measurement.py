@@ -9,6 +9,7 @@ whether the outline is there.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -23,7 +24,7 @@ from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 from ..geometry.least_squares import covariances
 from ..geometry.pose_rows import as_motion, as_pose
 from ..geometry.settings import NOT_ZERO
-from .alignment import Prior, Steps, align
+from .alignment import Prior, Steps, align, moved_by
 from .image_quality import look_of
 from .model_error import FIRST_ERROR, NO_ERROR, ModelError, settled
 from .neighbours import may_hide, neighbours
@@ -31,9 +32,11 @@ from .presence import shown_outline
 from .profiles import Quality, Stretches, find_steps, fit_steps
 from .settings import (
     CANDIDATES,
+    DRAWN_ANEW,
     DRAWN_IN,
     FEWEST_POINTS,
     FLANK,
+    MOST_MOVED,
     ON_EDGE,
     OTHERS_EDGES,
     REACH,
@@ -175,7 +178,21 @@ class Laid(NamedTuple):
 
 
 def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
-    """The pose from fitted steps, from one (12,) that is a pixel off at most; see :func:`measure_pose`.
+    """The pose from fitted steps, from one (12,) that is a pixel or so off; see :func:`measure_pose`.
+
+    Steps are fitted where the outline is drawn: if the pose moves it farther than steps are told from, and than its
+    curves are found to be off themselves, it is drawn anew.
+    """
+    for _ in range(DRAWN_ANEW):
+        found, shift = _polished_once(shape, motion, views)
+        if not shift > max(MOST_MOVED, math.hypot(found.error.curve, found.error.view)):
+            break
+        motion = as_motion(found.pose)
+    return found
+
+
+def _polished_once(shape: Shape, motion: FloatArray, views: Views) -> tuple[ImagePose, float]:
+    """The pose from steps that are fitted where it is drawn at (12,), and how far it has moved them, pixels.
 
     Whether the camera codes light by a tone curve is not said in an image. A wrong curve moves every step to its dark
     side, and which side that is differs from edge to edge: the right one leaves the outline less to be off.
@@ -183,7 +200,7 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
     outline = outline_of(shape, as_pose(motion), views.cameras, views.poses)
     sight = drawn(outline, motion, shape.centre, views)
     if len(sight) < FEWEST_POINTS:
-        return _nothing(motion, Presence(-np.inf, 0.0, sight, np.zeros(len(sight), np.int8)))
+        return _nothing(motion, Presence(-np.inf, 0.0, sight, np.zeros(len(sight), np.int8))), 0.0
     density = elsewhere(searched(sight, views, FLANK), FLANK)
     if views.tone[0] > 0.0:
         laid_on = _laid_on_fitted(shape, motion, views, sight, density)
@@ -201,7 +218,8 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
     arm = (pose.translation - pose.apply(shape.centre))[None]
     covariance = covariances(laid_on.normal[None], np.ones(1), arm, shape.size)[0]
     there = shown(drawn(outline, laid_on.motion, shape.centre, views), views)[0]
-    return ImagePose(pose, covariance, there, laid_on.residual, laid_on.weight, laid_on.error)
+    shift = moved_by(laid_on.motion, views.rows, sight.placed)
+    return ImagePose(pose, covariance, there, laid_on.residual, laid_on.weight, laid_on.error), shift
 
 
 def _laid_on_fitted(shape: Shape, motion: FloatArray, views: Views, sight: Sight, density: float) -> Laid:

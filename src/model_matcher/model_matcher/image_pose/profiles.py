@@ -340,8 +340,10 @@ def fit_steps(image: ByteArray, outline: Stretches, beside: FloatArray, quality:
         if not abs(x[0]) < FARTHEST_STEP or abs(x[1]) < BOUND_SIGMA * math.sqrt(variance):
             continue
         fitted[n, 0], fitted[n, 1] = x[0], _variance(low, size, 0)
-        fitted[n, 2], fitted[n, 3] = x[1], squares / max(2 * r - size, 1)
         fitted[n, 4], fitted[n, 5] = x[size - 1], _variance(low, size, size - 1)
+        # Of the slope the levels tell only what was not known beforehand.
+        freedom = 2 * r - size + fitted[n, 5] / how.slope**2
+        fitted[n, 2], fitted[n, 3] = x[1], squares / max(freedom, 1.0)
 
 
 @njit(nogil=True)

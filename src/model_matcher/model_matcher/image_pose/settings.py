@@ -26,7 +26,7 @@ WALKS = tuple(0.03125 * 2.0 ** (0.5 * k) for k in range(19))
 # Grey levels a pixel, sigma of the slope of shade beside a step: what is believed before a picture shows it, that of a
 # rod thirty pixels wide from lit to dark; and the least, of which nothing is seen in a picture of whole levels.
 FIRST_SLOPE = 2.0
-LEAST_SLOPE = 0.05
+LEAST_SLOPE = 0.01
 # Pixels, sigmas that are added to the steps' own while a pose is drawn in: from half the reach to the width of an edge.
 DRAWN_IN = (4.0, 2.8, 2.0, 1.4, 1.0, 0.7)
 # Square radians: variance of a turn about an axis above which nothing shows it, that of an angle anywhere within a
@@ -60,7 +60,7 @@ LONGEST_FIT_STEP = 0.5
 # Pixels: after a step of the fit this short the next would be about its square, and no digit that noise leaves.
 LAST_FIT_STEP = 0.02
 # Points by which blur and walk of an image are told, at most: of so many the median is good to a tenth of the noise.
-QUALITY_POINTS = 64
+QUALITY_POINTS = 256
 # Pixels that a fitted step may be off what the pose predicts: farther, it was not seen from there.
 FARTHEST_STEP = 1.5
 # Further steps beside one that its fit takes in: an edge of a thin plate has one, a groove two.
@@ -72,6 +72,9 @@ LEAST_FLANK = 2
 # Pixels from the predicted place within which a step confirms a point: the blur of an edge, and what its pose is off.
 # Also the sigma of its place, before it is looked at.
 ON_EDGE = 1.0
+# Pixels, root mean square, that an outline may move from where it was drawn for its steps to be fitted: what noise
+# makes of a faint step; and how many times it is drawn at most.
+MOST_MOVED, DRAWN_ANEW = 0.05, 4
 # Pixels along the normals by which an outline is moved to see what chance does.
 CONTROLS = (-8.0, -6.5, -5.0, -3.5, 3.5, 5.0, 6.5, 8.0)
 # Confirmations and points believed to have been seen beforehand: after none, after one, where a curve begins.
