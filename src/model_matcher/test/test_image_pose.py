@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from csg_renderer import Light, Scene, SolidOutline, load_models, model_features, render_stereo
-from csg_renderer.raycast.sensor import SensorModel, grey
+from csg_renderer.raycast.sensor import SensorModel
 from model_matcher import MatchParams, index_model, match
 from model_matcher.geometry.pose_rows import as_motion
 from model_matcher.image_pose.alignment import Placed
@@ -243,13 +243,14 @@ def test_how_far_levels_wander_is_told_by_each_picture():
     """Plain faces let a step's flanks say where it is; beside print they say little."""
     shape, _, pose, views, rig = rendered('l_shape', 1, antialias=8)
     measure_pose(shape, pose, views)
-    assert (views.look[:, 1] <= 1.5).all()
+    assert (views.look[:, 1] <= 0.75).all()
     rng = np.random.default_rng(7)
     print_ = cv2.GaussianBlur(rng.normal(scale=25.0, size=views.images[0].shape), (0, 0), 1.5)
     printed = [np.clip(image + print_, 0, 255).astype(np.uint8) for image in views.images]
     other = Views.of(printed, rig)
     measure_pose(shape, pose, other)
-    assert (other.look[:, 1] >= 2.5).all()
+    # Neighbours of what is printed so differ by 2.2 levels, of means of four by 1.8; values are tried in steps of 1.4.
+    assert (other.look[:, 1] >= 1.8 / 1.4).all() and (other.look[:, 1] <= 1.8 * 1.4).all()
 
 
 @pytest.mark.parametrize('blur', [0.45, 0.5, 0.8, 1.7, 2.8])
@@ -408,8 +409,8 @@ def rendered(name, seed, noise=2.0, turn=None, antialias=2):
     pose = Pose(turn, np.array([0.5 * rig.baseline, 0.0, distance]) - turn @ shape.centre)
     lights = [Light((0.3, -0.5, 0.2), (0.8,) * 3), Light((-0.5, -0.2, -0.3), (0.3,) * 3)]
     scene = Scene([solid.transformed(pose)], lights, (0.2,) * 3, (0.4,) * 3)
-    frames = render_stereo(scene, rig, antialias=antialias)
-    images = [SensorModel(0.5, noise, (seed, eye)).apply(grey(frame.image)) for eye, frame in enumerate(frames)]
+    frames = render_stereo(scene, rig, antialias=antialias, psf=0.5)
+    images = [SensorModel(0.5, noise, (seed, eye)).picture(frame, monochrome=True) for eye, frame in enumerate(frames)]
     return shape, solid, pose, Views.of(images, rig), rig
 
 
@@ -473,8 +474,8 @@ def test_a_ball_leaves_its_turn_free():
     rig = StereoRig.symmetric(CAMERA, 0.08)
     scene = Scene([solid.transformed(pose)], [Light((0.3, -0.5, 0.2), (0.8,) * 3)], (0.2,) * 3, (0.7,) * 3)
     images = [
-        SensorModel(0.5, 2.0, (3, eye)).apply(grey(frame.image))
-        for eye, frame in enumerate(render_stereo(scene, rig, antialias=2))
+        SensorModel(0.5, 2.0, (3, eye)).picture(frame, monochrome=True)
+        for eye, frame in enumerate(render_stereo(scene, rig, antialias=2, psf=0.5))
     ]
     shape = SolidOutline(solid)
     found = measure_pose(shape, Pose(np.eye(3), pose.translation + [0.001, 0.0, 0.002]), Views.of(images, rig))

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from csg_renderer import Light, Scene, SolidOutline, load_known_models, load_models, render_stereo
-from csg_renderer.raycast.sensor import SensorModel, grey
+from csg_renderer.raycast.sensor import SensorModel
 from model_matcher.image_pose.measurement import measure_pose
 from model_matcher.image_pose.presence import bent
 from model_matcher.image_pose.views import Views
@@ -43,8 +43,8 @@ def before(rig, shape, rotation, shift=(0.0, 0.0, 0.0)):
 
 def pictures(solid, pose, rig, seed):
     scene = Scene([solid.transformed(pose)], LIGHTS, (0.2,) * 3, (0.4,) * 3)
-    frames = render_stereo(scene, rig, antialias=2)
-    return [SensorModel(0.5, 2.0, (seed, eye)).apply(grey(frame.image)) for eye, frame in enumerate(frames)]
+    frames = render_stereo(scene, rig, antialias=2, psf=0.5)
+    return [SensorModel(0.5, 2.0, (seed, eye)).picture(frame, monochrome=True) for eye, frame in enumerate(frames)]
 
 
 @pytest.mark.parametrize(('name', 'seed'), [('plug', 1), ('widget', 2), ('cylinder_box', 5), ('cylinder_box', 7)])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from csg_renderer import Light, Scene, Solid, SolidOutline, load_models, render_stereo
-from csg_renderer.raycast.sensor import SensorModel, grey
+from csg_renderer.raycast.sensor import SensorModel
 from model_matcher.image_pose.alignment import Steps
 from model_matcher.image_pose.sight import look
 from model_matcher.image_pose.views import Views
@@ -183,8 +183,8 @@ def at(shape, degrees, shift=(0.0, 0.0, 0.0)):
 def images(solid, shape, poses, front=(), seed=0):
     """Two (240, 320) uint8: what the rig sees of a part at some poses, something before it, with noise."""
     scene = Scene([*(solid.transformed(pose) for pose in poses), *front], LIGHTS, (0.2,) * 3, (0.4,) * 3)
-    frames = render_stereo(scene, rig_for(shape), antialias=2)
-    return [SensorModel(0.5, 1.5, (seed, eye)).apply(grey(frame.image)) for eye, frame in enumerate(frames)]
+    frames = render_stereo(scene, rig_for(shape), antialias=2, psf=0.5)
+    return [SensorModel(0.5, 1.5, (seed, eye)).picture(frame, monochrome=True) for eye, frame in enumerate(frames)]
 
 
 def bar(shape, left, right):

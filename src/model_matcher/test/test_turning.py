@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from csg_renderer import Light, Scene, SolidOutline, model_features, parse_scene, render_stereo
-from csg_renderer.raycast.sensor import SensorModel, grey
+from csg_renderer.raycast.sensor import SensorModel
 from model_matcher import MatchParams, index_model, match
 from model_matcher.geometry.pose_rows import as_motion, as_pose
 from model_matcher.image_pose.measurement import elsewhere, fitted, laid_on_steps, presence, searched
@@ -40,8 +40,8 @@ def pictures(solid):
     pose = Pose(pose.rotation, np.array([0.05, 0.0, 0.6]))
     lights = [Light((0.3, -0.5, 0.2), (0.8,) * 3), Light((-0.5, -0.2, -0.3), (0.3,) * 3)]
     scene = Scene([solid.transformed(pose)], lights, (0.2,) * 3, (0.4,) * 3)
-    frames = render_stereo(scene, RIG, antialias=4)
-    images = [SensorModel(0.5, 2.0, (1, eye)).apply(grey(frame.image)) for eye, frame in enumerate(frames)]
+    frames = render_stereo(scene, RIG, antialias=4, psf=0.5)
+    images = [SensorModel(0.5, 2.0, (1, eye)).picture(frame, monochrome=True) for eye, frame in enumerate(frames)]
     return Views.of(images, RIG), pose
 
 

@@ -13,6 +13,7 @@ from msgs_py.numeric.typed import ByteArray, FloatArray, Int32Array, IntArray
 
 from ..geometry.least_squares import cholesky
 from ..geometry.settings import UNIFORM_VARIANCE
+from .blurred_root import blurred_root
 from .settings import CONTRAST, FARTHEST_STEP, FIT_TURNS, FLANK, LAST_FIT_STEP, LONGEST_FIT_STEP, ON_EDGE, TAPS
 
 ONE = np.uint64(1)
@@ -332,6 +333,9 @@ def fit_steps(image: ByteArray, outline: Stretches, beside: FloatArray, quality:
         variance = (noise * light) ** 2 / pixels
         # From one level to the next, less what a mean of pixels at places so far apart leaves of it.
         wander = (walk * light) ** 2 * (max(abs(at[2]), abs(at[3])) - mixed / 3.0)
+        if outline.limb[n] != 0.0:
+            # Shade beside a limb is that of the surface, the same all along.
+            wander *= outline.together[n]
         x[:] = 0.0
         how = _Fit(
             steps, size, outline.limb[n], variance, wander, slope * light * math.sqrt(outline.together[n]), black, white
@@ -488,13 +492,20 @@ def _normal_equations(seen: FloatArray, beside: FloatArray, how: _Fit, x: FloatA
         for k in range(n):
             e[k] -= x[j + 1] * rows[j + 1, k]
     for k in range(n):
-        rows[size - 1, k] = abs(seen[1, k] - x[0])
+        # The distance from the step, behind the same blur.
+        away, narrow = seen[1, k] - x[0], seen[2, k]
+        bell = math.exp(-0.5 * (away * narrow) ** 2)
+        way = 2.0 * _normal_integral(away * narrow, bell) - 1.0
+        rows[size - 1, k] = away * way + 0.7978845608028654 * bell / narrow
         e[k] -= x[size - 1] * rows[size - 1, k]
+        rows[0, k] -= x[size - 1] * way
     if size > steps + 1:
         # Near the limb of a curved surface its normal, and with it the shading, turns with the root of the distance.
         for k in range(n):
-            rows[steps, k] = math.sqrt(max(how.limb * (seen[1, k] - x[0]), 0.0))
-            e[k] -= x[steps] * rows[steps, k]
+            root, slope = blurred_root(how.limb * (seen[1, k] - x[0]), seen[2, k])
+            rows[steps, k] = root
+            e[k] -= x[steps] * root
+            rows[0, k] -= x[steps] * how.limb * slope
     _without_clipped(seen[0], how, e)
     for i in range(size):
         right[i], white[i] = 0.0, 0.0

@@ -21,9 +21,9 @@ PLACINGS = 200
 # line in all views (its offset and its slope); and in each besides, because shading is not even beside an edge and
 # samples are not dense, which puts a point off its line by as much; and the contour of a curved surface, whose shade
 # falls ever faster towards it.
-DRAWN_LINE_PX = 0.004
-DRAWN_VIEW_PX = 0.013
-DRAWN_CONTOUR_PX = 0.025
+DRAWN_LINE_PX = 0.002
+DRAWN_VIEW_PX = 0.005
+DRAWN_CONTOUR_PX = 0.05
 # Radians by which the normal of a curve may turn in a piece that is off by one line: a sixth of a turn, along which a
 # line and an arc differ by less than the sigmas.
 PIECE_TURN = np.pi / 3.0

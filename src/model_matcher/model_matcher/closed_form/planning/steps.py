@@ -124,7 +124,7 @@ def place_variances(
     >>> alone = Profiles(np.array([4]), np.zeros(1), np.full((1, 2), np.nan), np.array([4.0]))
     >>> variance = place_variances(np.array([50.0]), alone, 0.6, 2.0)
     >>> (1.0 / variance / (4.0 * edge_information(50.0, 0.6, 2.0))).round(2).tolist()
-    [0.76]
+    [0.77]
     """
     n, reach = len(contrast), np.arange(-FLANK, FLANK + 1.0)
     height = np.abs(contrast)[:, None]
