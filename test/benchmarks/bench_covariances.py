@@ -5,8 +5,8 @@ alone and measured in the images. Where covariances are true these squares have 
 degrees of freedom: a mean of 6, 95 of 100 below 12.6, and Kolmogorov and Smirnov's test does not tell the two apart.
 A pose that is wrong (farther off than a tenth of the model's size) is counted apart, and so is one that comes with
 others that explain the images as well, of which one is right (ambiguous). Symmetric poses are equal.
-A pixel of a camera is a mean over its area: here over 6 x 6 samples. With 2 x 2 (``--samples 2``) upright edges are
-quantised by up to 0.14 pixels, which no camera does.
+A pixel of a camera is a mean over its area of light that a lens has blurred: here over 6 x 6 samples of each pixel of a
+picture four times finer.
 
     python test/benchmarks/bench_covariances.py --pairs 500
 """
