@@ -148,10 +148,12 @@ def test_clutter_stays_behind_the_part():
     alone, among = (rendered_sequence(replace(case, clutter=n), motion) for n in (0, 12))
     for number in (0, 13, 29):
         plain, full = alone[number].images[0], among[number].images[0]
-        # Every bright pixel of the part, away from its outline, is as it was.
+        # Every bright pixel of the part, away from its outline, is as it was; which samples of it are taken may change,
+        # and with them half a grey level.
         part = cv2.erode((plain > 40).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         assert part.sum() > 500
-        assert np.array_equal(plain[part], full[part])
+        assert np.abs(plain[part].astype(int) - full[part]).max() <= 1
+        assert (plain[part] == full[part]).mean() > 0.999
         assert (plain != full).sum() > 500
 
 
