@@ -5,8 +5,7 @@ import pytest
 from scipy.special import ndtr
 
 from csg_renderer import Light, Scene, Solid, Surface, Texture, load_scene, render, render_stereo
-from csg_renderer.raycast.exposure import moved_by
-from csg_renderer.raycast.lens_blur import blurred_light, finer
+from csg_renderer.raycast.exposure import blurred_light, finer, moved_by
 from csg_renderer.raycast.render import scene_rig
 from csg_renderer.raycast.sensor import SensorModel, grey
 from msgs_py import LensDistortion, PinholeCamera, Pose
@@ -74,7 +73,7 @@ def test_engines_agree(engine):
 def test_strips_make_the_picture_of_the_whole(monkeypatch):
     scene = half_plane(0.4, 0.3)
     whole = render(scene, CAMERA, psf=0.6, antialias=4).image
-    monkeypatch.setattr('csg_renderer.raycast.lens_blur.STRIP_SAMPLES', 20_000)
+    monkeypatch.setattr('csg_renderer.raycast.exposure.STRIP_SAMPLES', 20_000)
     assert np.abs(render(scene, CAMERA, psf=0.6, antialias=4).image.astype(int) - whole).max() <= 1
 
 

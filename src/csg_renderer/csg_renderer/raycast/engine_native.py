@@ -14,7 +14,7 @@ from msgs_py.numeric.threads import cores, spread
 from msgs_py.numeric.typed import ByteArray, FloatArray
 
 from ..scene.scene import Scene
-from .engines import ViewPose
+from .engines import ViewPose, spares
 from .flatten import FlatProgram, flatten
 from .frame import Frame, RenderOptions, RenderStats
 from .frame_buffers import new_frame
@@ -108,7 +108,7 @@ class _Job:
         self.surfaces = [_surface_workspace(flat, self.view, options) for _ in range(threads)]
         self.active = [0] * threads
         self.marks: ByteArray = np.zeros((0, 0), dtype=np.uint8)
-        self.sparse = options.sparse and self.lens is None and flat.terrains is None and flat.program.surfaces is None
+        self.sparse = spares(options, flat.program, seen)
 
     def begin(self) -> None:
         """What takes long of getting ready and leaves other threads alone: clearing the frame, and the spans."""

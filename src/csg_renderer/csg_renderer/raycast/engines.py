@@ -92,13 +92,11 @@ def refuse_surfaces(name: str, program: Program) -> None:
         )
 
 
-def spares(name: str, options: RenderOptions, program: Program, view: ViewPose) -> bool:
-    """Whether an engine takes the n x n samples of a pixel only where they may differ.
+def spares(options: RenderOptions, program: Program, view: ViewPose) -> bool:
+    """Whether an engine that spares takes the n x n samples of a pixel only where they may differ.
 
     Parameters
     ----------
-    name : str
-        Of the engine.
     options : RenderOptions
     program : Program
     view : ViewPose
@@ -107,8 +105,7 @@ def spares(name: str, options: RenderOptions, program: Program, view: ViewPose) 
     -------
     bool
     """
-    plain = program.surfaces is None and len(program.terrains) == 0 and view.lens is None
-    return name in SPARING and options.sparse and plain
+    return options.sparse and view.lens is None and not program.terrains and program.surfaces is None
 
 
 def engine_named(name: str) -> Engine:

@@ -1,24 +1,31 @@
-"""Depth of field and motion blur: the mean of pictures of pinholes all over the lens, all through the exposure.
+"""What lens and exposure do to light before pixels count it: depth of field, motion, and the blur of the lens itself.
 
 Light that comes through one point of a thin lens makes the picture of a pinhole there, moved so that what lies at the
 focused depth stays where it is (Potmesil and Chakravarty 1981). So any engine has both by rendering many times. Each
 pinhole's rays also pass the pixels elsewhere, which anti-aliases them.
+
+What a lens blurs is light: pictures are rendered finer, blurred, and only then made pixels. To blur an image of pixels
+is another thing: an edge that passes through a pixel has given it a share already, and is blurred as two edges with
+shares, one pixel apart. Where its place in the pixels is the same all along, as that of an upright edge is, a
+measurement of it is off by up to 0.1 pixels.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
 from msgs_py import PinholeCamera, Pose
-from msgs_py.numeric.typed import FloatArray
+from msgs_py.numeric.typed import Float32Array, FloatArray
 
 from .engines import ViewPose
 from .frame import Frame, RenderOptions, RenderStats
-from .settings import PINHOLE_STEPS
+from .settings import FINE_PSF, MOST_FINER, PINHOLE_STEPS, STRIP_SAMPLES
 
 
 def pinholes(
@@ -87,6 +94,59 @@ def mean_pictures(
             sums += np.asarray(frame.radiance)
             done.add(frame.stats)
     return [sums / options.pinholes for sums in total], stats
+
+
+def finer(psf: float) -> int:
+    """How many pixels along each side of a pixel a picture has that is blurred.
+
+    Parameters
+    ----------
+    psf : float
+        Standard deviation of the blur, pixels, > 0.
+
+    Returns
+    -------
+    int
+
+    Examples
+    --------
+    >>> finer(0.5), finer(3.0), finer(0.01)
+    (4, 1, 8)
+    """
+    return max(1, min(MOST_FINER, math.ceil(FINE_PSF / psf)))
+
+
+def blurred_light(camera: PinholeCamera, psf: float, light: Callable[[PinholeCamera], np.ndarray]) -> Float32Array:
+    """The light of a picture behind a lens that blurs.
+
+    Parameters
+    ----------
+    camera : PinholeCamera
+    psf : float
+        Standard deviation of the blur, pixels, > 0.
+    light : callable
+        What a camera sees without blur, (h, w, 3): it is asked for strips of the picture, finer and with what is beside
+        them.
+
+    Returns
+    -------
+    (h, w, 3) float32
+        On the scale of ``light``.
+    """
+    n, margin = finer(psf), math.ceil(4.0 * psf)
+    width = camera.width + 2 * margin
+    rows = max(STRIP_SAMPLES // (n * n * width) - 2 * margin, 1)
+    out = np.empty((camera.height, camera.width, 3), np.float32)
+    for top in range(0, camera.height, rows):
+        height = min(rows, camera.height - top)
+        # Pixels have whole numbers in their middles.
+        middle = [n * (place + margin + 0.5) - 0.5 for place in (camera.cx, camera.cy - top)]
+        fine = PinholeCamera(n * width, n * (height + 2 * margin), n * camera.fx, n * camera.fy, *middle)
+        seen = np.asarray(light(fine), np.float32)
+        seen = np.asarray(cv2.GaussianBlur(seen, (0, 0), n * psf, borderType=cv2.BORDER_REPLICATE))
+        seen = np.asarray(cv2.resize(seen, (width, height + 2 * margin), interpolation=cv2.INTER_AREA))
+        out[top : top + height] = seen[margin : margin + height, margin : margin + camera.width]
+    return out
 
 
 def along_path(path: Sequence[Pose], time: float) -> Pose:

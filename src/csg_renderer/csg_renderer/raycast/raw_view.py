@@ -18,10 +18,9 @@ import numpy as np
 from msgs_py import LensDistortion, PinholeCamera
 from msgs_py.numeric.typed import FloatArray
 
-from .kernels.places import GOLDEN
 from .kernels.raw_image import add_light
 from .kernels.records import Lens, RawRays
-from .settings import BAND_RAYS, CROW_OFFSETS, CROW_WEIGHTS, MOST_IDEAL_SAMPLES, MOST_RAW_CAMERAS, STRIP_SAMPLES
+from .settings import BAND_RAYS, CROW_OFFSETS, CROW_WEIGHTS, GOLDEN, MOST_IDEAL_SAMPLES, MOST_RAW_CAMERAS, STRIP_SAMPLES
 from .stop import Stop
 
 
@@ -121,7 +120,10 @@ def _computed(camera: PinholeCamera, lens: LensDistortion, stop: Stop) -> RawVie
 def box_samples(n: int) -> FloatArray:
     """N x n samples of a pixel: how far right and below its centre, pixels, and the weight of each, (n * n, 3).
 
-    They lie as :func:`.kernels.places.sample_place` says.
+    In each cell of a grid there is one, and in each of n x n columns and rows (N-rooks: Chiu, Shirley and Wang 1994,
+    multi-jittered sampling), in the same order in all cells: an edge along the rows or columns passes one sample after
+    another, not n at once, and the pixel tells it to 1 / n^2 of its width. The order is that of multiples of the golden
+    ratio, so that no other direction is as bad as those along a grid are.
     """
     row, column = np.divmod(np.arange(n * n), max(n, 1))
     rank = np.argsort(np.argsort(np.arange(n) * GOLDEN % 1.0))

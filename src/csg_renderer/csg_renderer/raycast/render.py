@@ -14,10 +14,9 @@ from msgs_py import LensDistortion, PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.steps import CompileStep
 
 from ..scene.scene import Scene
-from .engines import Engine, ViewPose, engine_named, refuse_options, refuse_surfaces, spares
-from .exposure import mean_pictures
+from .engines import SPARING, Engine, ViewPose, engine_named, refuse_options, refuse_surfaces, spares
+from .exposure import blurred_light, finer, mean_pictures
 from .frame import Frame, RenderOptions, RenderStats
-from .lens_blur import blurred_light, finer
 from .programs.program import program_of
 from .raw_view import mean_light
 from .settings import DEFAULT_BASELINE_RATIO, DEFAULT_FOCAL, DEFAULT_SIZE, WHITE
@@ -321,7 +320,7 @@ class _Rendering:
         """Finer pictures of a view, before the lens has blurred them."""
         options = self.options
         antialias = options.antialias
-        if options.box and not spares(self.name, options, program_of(self.scene), view):
+        if options.box and not (self.name in SPARING and spares(options, program_of(self.scene), view)):
             # Finer pixels share out the samples.
             antialias = options.box // finer(options.psf)
             antialias = antialias if antialias > 1 else 0

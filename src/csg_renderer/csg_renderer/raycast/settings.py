@@ -116,6 +116,8 @@ LEAST_CORNERS, MOST_CORNERS, ROUND_ERROR = 12, 128, 0.05
 # Crow 1981).
 CROW_WEIGHTS: FloatArray = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 16.0
 CROW_OFFSETS = (-1.0 / 3.0, 0.0, 1.0 / 3.0)
+# Multiples of it leave remainders that are spread as evenly as those of any number: the order of samples in a pixel.
+GOLDEN = 0.6180339887498949
 
 # -- what a caller may ask for ----------------------------------------------------------------------------------------
 

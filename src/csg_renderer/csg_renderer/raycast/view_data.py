@@ -14,6 +14,7 @@ from .frame import RenderOptions
 from .kernels.image import product_spans
 from .kernels.records import CameraData, Differences, Plan
 from .programs.program import CONE, CYLINDER, DIFFERENCE, INTERSECT, SPHERE, Program, View
+from .raw_view import box_samples
 from .settings import LEAST_CLIP_DEPTH, LONGEST_ROW, NARROWEST, PARALLEL, ROUND_ERROR
 from .tiling import edge_lines, leaf_spans
 
@@ -111,6 +112,7 @@ def plan_of(
         whole,
         0 if options.sparse else options.box,
         options.box,
+        box_samples(options.box),
     )
     return camera_data, plan
 

@@ -42,8 +42,8 @@ BENT, STEADY = 8.0 * MOST_CURVED, 16.0 * MOST_CURVED
 def corner(samples, bent):
     """How far from the centre of a pixel its corners are asked, along each axis, pixels.
 
-    At the outermost samples, see :func:`.places.sample_place`; of what may be round close to the border, between which
-    a circle of a few pixels rises by less than it takes to reach the samples.
+    At the outermost samples, see :func:`..raw_view.box_samples`; of what may be round close to the border, between
+    which a circle of a few pixels rises by less than it takes to reach the samples.
     """
     outermost = 0.5 - 0.5 / (samples * samples)
     return max(outermost, 0.5 - 0.125 / samples) if bent else outermost

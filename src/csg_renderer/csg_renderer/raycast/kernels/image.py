@@ -8,7 +8,6 @@ import numpy as np
 
 from ..programs.program import TERRAIN
 from ..tiling import NOWHERE
-from .places import sample_place
 from .records import PixelRun
 from .rows import BLUE, DEPTH, GREEN, HIT, NX, NY, NZ, RED, X, kernel
 from .secondary_rays import follow, gather_row, scatter_row
@@ -251,8 +250,8 @@ def mean_row(work, m, run, left, products, count, csg, camera, materials, plan, 
     for sample in range(n * n):
         if work.counts[3] != 0:
             return
-        right, below = sample_place(sample, n)
-        y = plan.ys[run.row] + below * plan.dy
+        right = plan.places[sample, 0]
+        y = plan.ys[run.row] + plan.places[sample, 1] * plan.dy
         for j in range(m):
             s[X + np.uint64(j)] = plan.xs[left + j] + right * plan.dx
         hit_row(work, m, run, y, left, products, count, csg, camera, plan, terrains)

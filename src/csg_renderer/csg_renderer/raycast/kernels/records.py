@@ -203,6 +203,8 @@ class Plan(NamedTuple):
         See RenderOptions; 0 where not every pixel takes all samples.
     samples
         Those of a pixel along a side, where it takes all.
+    places : (n * n, 3) float64
+        Of the samples of a pixel, see :func:`..raw_view.box_samples`.
     """
 
     xs: FloatArray
@@ -217,6 +219,7 @@ class Plan(NamedTuple):
     whole: bool
     box: int
     samples: int
+    places: FloatArray
 
 
 class RawRays(NamedTuple):

@@ -13,7 +13,6 @@ from msgs_py.numeric.compiled import njit
 from ..settings import MOST_CURVED
 from .differences import ALL, DOUBT, STEADY, bent_about, changes, corner, flag_tile
 from .image import begin_row, byte, finish_row, lit_row, products_in_tile
-from .places import sample_place
 from .records import Cells, PixelRun
 from .rows import BLUE, DEPTH, FACE_IN, FACE_OUT, GREEN, HIT, LEAF_IN, LEAF_OUT, RED, STRIDE, X, Y, kernel
 from .tree import FACE_STEP, LEAF_STEP, NOTHING, product_row
@@ -316,8 +315,7 @@ def smooth_tiles(share, csg, camera, edges, materials, plan, target, work):
     )
     n = plan.samples
     for i in range(n * n):
-        right, below = sample_place(i, n)
-        cells.aside[i], cells.down[i] = right * plan.dx, below * plan.dy
+        cells.aside[i], cells.down[i] = plan.places[i, 0] * plan.dx, plan.places[i, 1] * plan.dy
         cells.quarter[i] = (1 if 2 * (i % n) >= n else 0) + (2 if 2 * (i // n) >= n else 0)
     across = (width + plan.size - 1) // plan.size
     down = (height + plan.size - 1) // plan.size
