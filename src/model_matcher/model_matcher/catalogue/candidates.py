@@ -152,7 +152,11 @@ def hits_of(catalogue: Catalogue, scene: Scene, pairs: ScenePairs, deadline: Dea
 
 
 def poses_of(catalogue: Catalogue, scene: Scene, pairs: ScenePairs, hits: Hits) -> Votes:
-    """Votes of the pairs, and the best poses of the models that they agree on best."""
+    """Votes of the pairs, and the best poses of the models that they agree on best.
+
+    The nats of a model are those of its best pose and of the pairs' agreement: a pose made of one pair alone is too
+    vague to tell the right model from very many like it, and the pairs know nothing of what lies in no pair.
+    """
     support, agreed = agreement_of(catalogue, pairs, hits)
     votes = no_votes(len(catalogue))
     gains = _gains(catalogue, scene)
@@ -177,7 +181,7 @@ def poses_of(catalogue: Catalogue, scene: Scene, pairs: ScenePairs, hits: Hits) 
             )
 
         spread(some, range(THREADS))
-    return votes
+    return votes._replace(nats=votes.nats + agreed)
 
 
 def no_votes(models: int) -> Votes:
