@@ -175,7 +175,7 @@ def test_the_normal_integral_has_seven_digits():
 def test_derivatives_of_a_step_are_those_of_its_integral(at, blur, contrast):
     by_place, by_contrast = np.empty(9), np.empty(9)
     narrow = 1.0 / np.hypot(blur, np.linspace(0.0, 0.5, 9))
-    _step_rows(at, contrast, np.array([np.arange(9.0), narrow, np.zeros(9)]), by_place, by_contrast)
+    _step_rows(at, contrast, np.array([np.arange(9.0), narrow, np.zeros(9), np.zeros(9)]), by_place, by_contrast)
     t = (np.arange(9.0) - at) * narrow
     density = np.exp(-0.5 * t * t) / math.sqrt(2.0 * math.pi) * narrow
     np.testing.assert_allclose(by_place, -contrast * density, rtol=1e-10, atol=1e-200)
@@ -188,7 +188,7 @@ def test_the_shape_of_a_step_in_pixels_at_two_distances(at, blur, share, contras
     """Against the mean of both, to terms of the next order; and its derivative is that of the shape."""
     sigma = math.sqrt(blur**2 + share * (1.0 - share))
     sixth = share * (1.0 - share) * (2.0 * share - 1.0) / sigma**3 / 6.0
-    levels = np.stack([np.arange(9.0), np.full(9, 1.0 / sigma), np.full(9, sixth)])
+    levels = np.stack([np.arange(9.0), np.full(9, 1.0 / sigma), np.full(9, sixth), np.zeros(9)])
     rows = np.empty((3, 2, 9))
     for row, shift in zip(rows, (0.0, -1e-4, 1e-4)):
         _step_rows(at + shift, contrast, levels, row[0], row[1])
@@ -197,3 +197,47 @@ def test_the_shape_of_a_step_in_pixels_at_two_distances(at, blur, share, contras
     spread = share * (1.0 - share) / sigma**2
     np.testing.assert_allclose(rows[0, 1], exact, atol=0.1 * spread / sigma**2 + 1e-6)
     np.testing.assert_allclose(rows[0, 0], contrast * (rows[2, 1] - rows[1, 1]) / 2e-4, atol=2e-5 * contrast + 2e-3)
+
+
+@settings(deadline=None)
+@given(st.floats(0.0, 8.0), st.floats(0.3, 1.5), st.floats(1.0, 200.0))
+def test_the_shape_of_a_step_that_square_pixels_count(at, lens, contrast):
+    """Of an upright edge a pixel is the mean of a bell over one pixel; the excess takes most of the difference off."""
+    blur, where = math.sqrt(lens**2 + 1.0 / 12.0), np.linspace(-2.0, 10.0, 481)
+    levels = np.stack([where, np.full(481, 1.0 / blur), np.zeros(481), np.full(481, -1.0 / 120.0 / blur**4 / 24.0)])
+    rows = np.empty((3, 2, 481))
+    for row, shift in zip(rows, (0.0, -1e-4, 1e-4)):
+        _step_rows(at + shift, contrast, levels, row[0], row[1])
+
+    def integral(x):
+        return x * ndtr(x) + np.exp(-0.5 * x * x) / math.sqrt(2.0 * math.pi)
+
+    exact = lens * (integral((where - at + 0.5) / lens) - integral((where - at - 0.5) / lens))
+    as_bells = np.abs(ndtr((where - at) / blur) - exact).max()
+    assert np.abs(rows[0, 1] - exact).max() < max(0.35 * as_bells, 1e-6)
+    np.testing.assert_allclose(rows[0, 0], contrast * (rows[2, 1] - rows[1, 1]) / 2e-4, atol=2e-5 * contrast + 2e-3)
+
+
+@settings(deadline=None)
+@given(st.floats(-0.2, 0.2), st.floats(1.0, 3.0), st.floats(0.0, 2.0 * math.pi))
+def test_of_a_curve_beside_a_point_it_is_known_how_it_runs(turn, apart, angle):
+    """Two straight curves of twelve points, the second turned about the place where it crosses the first's normal."""
+    along = 4.0 * (np.arange(12) - 5.5)
+    way = [np.array([math.cos(one), math.sin(one)]) for one in (angle, angle + turn)]
+    normal = [np.array([-one[1], one[0]]) for one in way]
+    pixel = np.concatenate([along[:, None] * way[0], apart * normal[0] + along[:, None] * way[1]])
+    group = np.repeat(np.arange(2, dtype=np.int32), 12)
+    placed = Placed(
+        np.zeros((24, 3)),
+        np.zeros(24, np.int32),
+        pixel,
+        np.repeat(normal, 12, axis=0),
+        group,
+        group,
+        np.zeros(24),
+        np.zeros((24, 6)),
+    )
+    beside = neighbours(placed, np.full(24, 4.0))[0]
+    middle = beside[5:7, 0]
+    np.testing.assert_allclose(middle[:, 1], abs(math.tan(turn)), atol=1e-7)
+    np.testing.assert_allclose(middle[:, 0], apart + math.tan(turn) * along[5:7], atol=1e-9)

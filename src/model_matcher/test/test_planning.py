@@ -14,7 +14,7 @@ from model_matcher.closed_form.planning.settings import DRAWN_LINE_PX, DRAWN_VIE
 from model_matcher.closed_form.planning.steps import Profiles, edge_information, place_variances
 from model_matcher.closed_form.planning.volume import Volume
 from model_matcher.image_pose.measurement import measure_pose
-from model_matcher.image_pose.profiles import Quality, Stretches, fit_steps
+from model_matcher.image_pose.profiles import FITTED, Quality, Stretches, fit_steps
 from model_matcher.image_pose.settings import LEAST_SLOPE, WALKS
 from model_matcher.image_pose.views import Views
 from msgs_py import Pose
@@ -56,10 +56,10 @@ def test_places_of_steps_in_noise_spread_as_much_as_they_are_said_to(contrast, n
         np.full(n, flank, np.int32),
         np.ones(n),
     )
-    fitted, nothing = np.empty((n, 6)), np.full((n, 2), np.nan)
+    fitted, nothing = np.empty((n, FITTED)), np.full((n, 2, 2), np.nan)
     pixel_noise = float(np.sqrt(noise**2 + 1.0 / 12.0))
     fit_steps(image, outline, nothing, Quality(1.0, blur, pixel_noise, WALKS[0], LEAST_SLOPE), fitted)
-    profiles = Profiles(outline.flank[:1], np.zeros(1), nothing[:1], np.full(1, 4.0))
+    profiles = Profiles(outline.flank[:1], np.zeros(1), nothing[:1, :, 0], np.full(1, 4.0))
     expected = place_variances(np.array([contrast]), profiles, blur, pixel_noise)[0]
     assert np.var(fitted[:, 0]) == pytest.approx(expected, rel=0.1)
     assert fitted[:, 0].mean() == pytest.approx(0.25, abs=0.02)

@@ -11,8 +11,9 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, ByteArray, FloatArray
 
 from ..geometry.settings import NOT_ZERO
-from .profiles import Quality, Stretches, fit_steps
+from .profiles import FITTED, Quality, Stretches, fit_steps
 from .settings import (
+    BLUR_SHARE,
     BLUR_STEPS,
     FIRST_BLUR,
     FIRST_SLOPE,
@@ -46,12 +47,12 @@ def look_of(image: ByteArray, outline: Stretches, beside: FloatArray, tone: floa
     image : (h, w) uint8
     outline : Stretches
         n of them.
-    beside : (n, m) float64
+    beside : (n, m, 2) float64
         See :func:`.profiles.fit_steps`.
     tone, noise : float
         See :class:`.profiles.Quality`.
     """
-    alone = np.flatnonzero((outline.flank == FLANK) & np.isnan(beside).all(axis=1))
+    alone = np.flatnonzero((outline.flank == FLANK) & np.isnan(beside[:, :, 0]).all(axis=1))
     some = alone[:: max(1, -(-len(alone) // QUALITY_POINTS))]
     each = outline.some(some)._replace(together=np.ones(len(some)))
     return Look(*_look_of(_Steps(image, each, beside[some], tone, noise)))
@@ -70,7 +71,7 @@ class _Steps(NamedTuple):
 @njit(nogil=True)
 def _look_of(steps: _Steps) -> tuple[float, float, float]:
     """As :func:`look_of`."""
-    out = np.empty((len(steps.outline.spacing), 6))
+    out = np.empty((len(steps.outline.spacing), FITTED))
     _fit(steps, FIRST_BLUR, FIRST_WALK, out)
     if np.isnan(out[:, 0]).all():
         return FIRST_BLUR, FIRST_WALK, FIRST_SLOPE
@@ -94,7 +95,7 @@ def _look_of(steps: _Steps) -> tuple[float, float, float]:
 
 @njit(nogil=True)
 def _fit(steps: _Steps, blur: float, walk: float, out: FloatArray) -> None:
-    """Fit the steps, see :func:`.profiles.fit_steps`; out : (n, 6), filled."""
+    """Fit the steps, see :func:`.profiles.fit_steps`; out : (n, FITTED), filled."""
     quality = Quality(steps.tone, blur, steps.noise, walk, FIRST_SLOPE)
     fit_steps(steps.image, steps.outline, steps.beside, quality, out)
 
@@ -114,7 +115,7 @@ def _told_blur(steps: _Steps, first: float, step: float, strong: BoolArray, out:
             if least <= k <= most:
                 if math.isnan(left[k - least]):
                     _fit(steps, first * step**k, FIRST_WALK, out)
-                    left[k - least] = _median_left(out, strong)
+                    left[k - least] = _left_of_most(out, strong)
                 if left[k - least] < left[near - least]:
                     near = k
         if near == best:
@@ -129,8 +130,9 @@ def _told_blur(steps: _Steps, first: float, step: float, strong: BoolArray, out:
 
 
 @njit(nogil=True)
-def _median_left(out: FloatArray, strong: BoolArray) -> float:
-    """Median of what is left of strong steps; one that has not been fitted counts as the worst."""
+def _left_of_most(out: FloatArray, strong: BoolArray) -> float:
+    """Mean of what is left of most strong steps; one that has not been fitted counts as the worst."""
     left = out[strong, 3]
     left[np.isnan(left)] = np.inf
-    return float(np.median(left))
+    left.sort()
+    return float(left[: math.ceil(BLUR_SHARE * len(left))].mean())

@@ -29,12 +29,13 @@ from .image_quality import look_of
 from .model_error import FIRST_ERROR, NO_ERROR, ModelError, settled
 from .neighbours import may_hide, neighbours
 from .presence import shown_outline
-from .profiles import Quality, Stretches, find_steps, fit_steps
+from .profiles import FITTED, Quality, Stretches, find_steps, fit_steps
 from .settings import (
     CANDIDATES,
     DRAWN_ANEW,
     DRAWN_IN,
     FEWEST_POINTS,
+    FIRST_SLOPE,
     FLANK,
     MOST_MOVED,
     ON_EDGE,
@@ -45,6 +46,7 @@ from .settings import (
     TO_ERROR,
     TONES,
 )
+from .shade import settle_slopes
 from .sight import Shape, Sight, drawn, look, outline_of
 from .views import Views
 
@@ -322,7 +324,7 @@ def fitted(sight: Sight, views: Views) -> Steps:
     tone = max(float(views.tone[0]), TONES[0])
     beside, flank = neighbours(sight.placed, sight.spacing)
     together = np.bincount(sight.placed.group)[sight.placed.group].astype(float)
-    out = np.empty((len(sight), 6))
+    out = np.empty((len(sight), FITTED))
 
     def fit(eye: int) -> None:
         rows, image, noise = sight.rows(eye), views.images[eye], float(views.noise[eye])
@@ -338,7 +340,9 @@ def fitted(sight: Sight, views: Views) -> Steps:
         if not views.look[eye].any():
             views.look[eye] = look_of(image, outline, beside[rows], tone, noise)
         blur, walk, slope = views.look[eye].tolist()
-        fit_steps(image, outline, beside[rows], Quality(tone, blur, noise, walk, slope), out[rows])
+        shaded = max(slope, FIRST_SLOPE)
+        fit_steps(image, outline, beside[rows], Quality(tone, blur, noise, walk, shaded), out[rows])
+        settle_slopes(sight.placed.group[rows], slope, shaded, out[rows])
 
     spread(fit, range(len(views)))
     known = np.isfinite(out[:, 0])

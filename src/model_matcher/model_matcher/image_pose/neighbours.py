@@ -65,13 +65,14 @@ def neighbours(placed: Placed, spacing: FloatArray) -> tuple[FloatArray, Int32Ar
 
     Returns
     -------
-    beside : (n, BESIDE) float64
-        Pixels along the normal of curves about parallel, the nearest; not a number where there are fewer.
+    beside : (n, BESIDE, 2) float64
+        Curves about parallel, the nearest: pixels along the normal, and by how many for each along the tangent this
+        changes, in size; not a number where there are fewer.
     flank : (n,) int32
         Pixels that no curve across it reaches, at most FLANK; 0 where these are too few.
     """
     n = len(placed.eye)
-    beside, flank = np.full((n, BESIDE), np.nan), np.full(n, FLANK, np.int32)
+    beside, flank = np.full((n, BESIDE, 2), np.nan), np.full(n, FLANK, np.int32)
     group, gap = np.full((n, BESIDE), -1, np.int32), np.full((n, BESIDE), np.inf)
     begin, box = curve_boxes(placed)
     most = spacing.max() if n else 0.0
@@ -97,8 +98,9 @@ def neighbours(placed: Placed, spacing: FloatArray) -> tuple[FloatArray, Int32Ar
                         continue
                     ahead = placed.normal[j, 0] * du + placed.normal[j, 1] * dv
                     back = -(placed.normal[k, 0] * du + placed.normal[k, 1] * dv)
-                    _note(beside, group, gap, k, placed.group[j], ahead / cosine, du, dv, placed, spacing[j])
-                    _note(beside, group, gap, j, placed.group[k], back / cosine, du, dv, placed, spacing[k])
+                    turn = math.sqrt(max(1.0 - cosine * cosine, 0.0)) / abs(cosine)
+                    _note(beside, group, gap, k, placed.group[j], (ahead / cosine, turn), du, dv, placed, spacing[j])
+                    _note(beside, group, gap, j, placed.group[k], (back / cosine, turn), du, dv, placed, spacing[k])
     return beside, flank
 
 
@@ -159,13 +161,17 @@ def _note(
     gap: FloatArray,
     k: int,
     other: int,
-    offset: float,
+    line: tuple[float, float],
     du: float,
     dv: float,
     placed: Placed,
     spacing: float,
 ) -> None:
-    """Note a curve ``other`` that crosses the normal of point k at an offset, by its point nearest to the normal."""
+    """Note a curve ``other`` that crosses the normal of point k, by its point nearest to the normal.
+
+    line : its offset along the normal, and by what this changes along the tangent
+    """
+    offset, turn = line
     along = abs(placed.normal[k, 0] * dv - placed.normal[k, 1] * du)
     if along > 0.75 * spacing or abs(offset) > FLANK + 2.0:
         return
@@ -173,15 +179,15 @@ def _note(
     for i in range(BESIDE):
         if group[k, i] == other:
             if along < gap[k, i]:
-                beside[k, i], gap[k, i] = offset, along
+                beside[k, i, 0], beside[k, i, 1], gap[k, i] = offset, turn, along
             return
         if at < 0 and group[k, i] < 0:
             at = i
     if at < 0:  # all taken: instead of the farthest
         at = 0
         for i in range(1, BESIDE):
-            if abs(beside[k, i]) > abs(beside[k, at]):
+            if abs(beside[k, i, 0]) > abs(beside[k, at, 0]):
                 at = i
-        if abs(beside[k, at]) <= abs(offset):
+        if abs(beside[k, at, 0]) <= abs(offset):
             return
-    beside[k, at], group[k, at], gap[k, at] = offset, other, along
+    beside[k, at, 0], beside[k, at, 1], group[k, at], gap[k, at] = offset, turn, other, along

@@ -17,6 +17,10 @@ from .blurred_root import blurred_root
 from .settings import CONTRAST, FARTHEST_STEP, FIT_TURNS, FLANK, LAST_FIT_STEP, LONGEST_FIT_STEP, ON_EDGE, TAPS
 
 ONE = np.uint64(1)
+# The fourth cumulant of what is spread evenly over one.
+EVEN_CUMULANT = -1.0 / 120.0
+# Numbers of a fitted step, see fit_steps.
+FITTED = 8
 # One, in whole numbers with 32 binary digits after the point.
 FIXED = 4294967296.0
 
@@ -69,7 +73,7 @@ class Quality(NamedTuple):
         Grey levels for a root of a pixel, sigma: by how much shade, print and grain make the levels beside a step
         wander.
     slope : float
-        Grey levels a pixel, sigma of the slopes that shade has beside a step.
+        Grey levels a pixel, sigma of the slopes that shade may have beside a step.
     """
 
     tone: float
@@ -294,24 +298,30 @@ def fit_steps(image: ByteArray, outline: Stretches, beside: FloatArray, quality:
     ----------
     image : (h, w) uint8
     outline : Stretches
-    beside : (n, m) float64
-        Pixels from each point to further steps across its normal, o_k; not a number where there are fewer.
+    beside : (n, m, 2) float64
+        Pixels from each point to further steps across its normal, o_k, and by how many this changes for each along the
+        tangent, in size; not a number where there are fewer.
     quality : Quality
-    fitted : (n, 6) float64
+    fitted : (n, FITTED) float64
         Filled with: d_0, pixels along the normal; its variance; the contrast b_0; mean squared residual, in units of
-        what noise and walk make it; the slope s; its variance. Not a number where the profile leaves the image, shows
-        no step or one farther than FARTHEST_STEP away.
+        what noise and walk make it; the slope s; its variance; its covariance with d_0; what a grey level is in light,
+        here. Not a number where the profile leaves the image, shows no step or one farther than FARTHEST_STEP away.
     """
     tone, blur, noise, walk, slope = quality
     levels = 255.0 * (np.arange(256.0) / 255.0) ** tone
     # Of a pixel's noise in light, at either end of the scale.
     black, white = 255.0 * (noise / 255.0) ** tone, tone * noise
-    seen = np.empty((4, 2 * FLANK + 1))
+    seen = np.empty((5, 2 * FLANK + 1))
     most = 4 + 2 * beside.shape[1]
     x, low = np.empty(most), np.empty((most, most))
     wide = 2 * FLANK + 1
     sums = _Sums(
-        np.empty((most, most)), np.empty(most), np.empty((most + 1, wide)), np.empty(most), np.empty((2, wide))
+        np.empty((most, most)),
+        np.empty(most),
+        np.empty((most + 1, wide)),
+        np.empty(most),
+        np.empty((2, wide)),
+        np.empty((4, wide)),
     )
     fitted[:] = np.nan
     for n in range(len(outline.spacing)):
@@ -324,8 +334,12 @@ def fit_steps(image: ByteArray, outline: Stretches, beside: FloatArray, quality:
         steps = _unknowns_of_steps(beside[n])
         size = steps + (outline.limb[n] != 0.0) + 1
         mixed = math.sqrt(levels_seen[2].mean() / UNIFORM_VARIANCE)
+        # Fourth cumulants of a pixel, a square seen at a slant, and of places spread evenly.
+        square = (at[2] ** 4 + at[3] ** 4) * EVEN_CUMULANT
         for k in range(2 * r + 1):
+            spread = EVEN_CUMULANT * (seen[2, k] / UNIFORM_VARIANCE) ** 2
             narrow = 1.0 / math.sqrt(blur * blur + seen[2, k])
+            seen[4, k] = (square + spread) * narrow**4 / 24.0
             seen[2, k], seen[3, k] = narrow, seen[3, k] * narrow**3 / 6.0
         # What a grey level of the image is in light, here.
         mean = max(levels_seen[0].mean(), 1.0) / 255.0
@@ -340,22 +354,32 @@ def fit_steps(image: ByteArray, outline: Stretches, beside: FloatArray, quality:
         how = _Fit(
             steps, size, outline.limb[n], variance, wander, slope * light * math.sqrt(outline.together[n]), black, white
         )
-        squares = _converged(levels_seen, beside[n], how, x, low, sums)
+        squares = _converged(levels_seen, _blurred_by_turns(beside[n], outline.spacing[n]), how, x, low, sums)
         if not abs(x[0]) < FARTHEST_STEP or abs(x[1]) < BOUND_SIGMA * math.sqrt(variance):
             continue
         fitted[n, 0], fitted[n, 1] = x[0], _variance(low, size, 0)
         fitted[n, 4], fitted[n, 5] = x[size - 1], _variance(low, size, size - 1)
+        fitted[n, 6] = _covariance(low, size, 0)
+        fitted[n, 7] = light
         # Of the slope the levels tell only what was not known beforehand.
         freedom = 2 * r - size + fitted[n, 5] / how.slope**2
         fitted[n, 2], fitted[n, 3] = x[1], squares / max(freedom, 1.0)
 
 
 @njit(nogil=True)
+def _blurred_by_turns(beside: FloatArray, spacing: float) -> FloatArray:
+    """Places of further steps, and the variances that they have along a stretch that they do not run along, (m, 2)."""
+    out = beside.copy()
+    out[:, 1] = (out[:, 1] * spacing) ** 2 * UNIFORM_VARIANCE
+    return out
+
+
+@njit(nogil=True)
 def _unknowns_of_steps(beside: FloatArray) -> int:
     """Places and contrasts of the steps of a profile: its own, and those beside it (m,)."""
     steps = 2
-    for place in beside:
-        if math.isnan(place):
+    for line in beside:
+        if math.isnan(line[0]):
             break
         steps += 2
     return steps
@@ -429,6 +453,8 @@ class _Sums(NamedTuple):
         The row of whitened derivatives before.
     link : (2, 2 FLANK + 1) float64
         See :func:`_whiten`.
+    shape : (4, 2 FLANK + 1) float64
+        See :func:`_wider`.
     """
 
     normal: FloatArray
@@ -436,6 +462,7 @@ class _Sums(NamedTuple):
     rows: FloatArray
     white: FloatArray
     link: FloatArray
+    shape: FloatArray
 
 
 @njit(nogil=True)
@@ -458,10 +485,11 @@ def _step_rows(at: float, contrast: float, seen: FloatArray, by_place: FloatArra
 
     The step's shape is the beginning of Edgeworth's series (Cramer 1946, 17.6).
 
-    seen : (3, n) of n levels: where they are, pixels; one over the sigma of their blur; a sixth of its skewness
+    seen : (4, n) of n levels: where they are, pixels; one over the sigma of their blur; a sixth of its skewness; the
+        24th part of its excess, below zero: a pixel is a square
     """
     # Two loops, of which the second has no calls: it is done for several levels at once.
-    where, narrow, skew = seen[0], seen[1], seen[2]
+    where, narrow, skew, flat = seen[0], seen[1], seen[2], seen[3]
     n = len(where)
     for k in range(n):
         t = (where[k] - at) * narrow[k]
@@ -469,8 +497,11 @@ def _step_rows(at: float, contrast: float, seen: FloatArray, by_place: FloatArra
     for k in range(n):
         t = (where[k] - at) * narrow[k]
         density = 0.3989422804014327 * by_place[k]
-        by_contrast[k] = _normal_integral(t, by_place[k]) - skew[k] * (t * t - 1.0) * density
-        by_place[k] = -contrast * density * (1.0 + skew[k] * t * (t * t - 3.0)) * narrow[k]
+        square = t * t
+        cubic = t * (square - 3.0)
+        by_contrast[k] = _normal_integral(t, by_place[k]) - (skew[k] * (square - 1.0) + flat[k] * cubic) * density
+        quartic = square * (square - 6.0) + 3.0
+        by_place[k] = -contrast * density * (1.0 + skew[k] * cubic + flat[k] * quartic) * narrow[k]
 
 
 @njit(nogil=True)
@@ -478,7 +509,7 @@ def _normal_equations(seen: FloatArray, beside: FloatArray, how: _Fit, x: FloatA
     """Fill the normal equations of a fit at x (u,), in units of noise; returns the sum of squared residuals.
 
     What is compared are the differences of neighbours, see :func:`_whiten`: the level before all falls out. seen :
-    (4, n), the levels, and of each what :func:`_step_rows` asks for.
+    (5, n), the levels, and of each what :func:`_step_rows` asks for.
     """
     normal, right, rows, white = sums.normal, sums.right, sums.rows, sums.white
     steps, size = how.steps, how.size
@@ -487,8 +518,11 @@ def _normal_equations(seen: FloatArray, beside: FloatArray, how: _Fit, x: FloatA
     for k in range(n):
         e[k] = seen[0, k]
     for j in range(0, steps, 2):
-        at = x[j] + (beside[j // 2 - 1] if j else 0.0)
-        _step_rows(at, x[j + 1], seen[1:], rows[j], rows[j + 1])
+        at, shape = x[j], seen[1:]
+        if j:
+            at += beside[j // 2 - 1, 0]
+            shape = _wider(shape, beside[j // 2 - 1, 1], sums.shape)
+        _step_rows(at, x[j + 1], shape, rows[j], rows[j + 1])
         for k in range(n):
             e[k] -= x[j + 1] * rows[j + 1, k]
     for k in range(n):
@@ -526,6 +560,16 @@ def _normal_equations(seen: FloatArray, beside: FloatArray, how: _Fit, x: FloatA
         normal[i, i] += 1.0 / believed**2
         right[i] -= x[i] / believed**2
     return squares
+
+
+@njit(nogil=True)
+def _wider(shape: FloatArray, variance: float, out: FloatArray) -> FloatArray:
+    """What :func:`_step_rows` asks for of levels, (4, n), where a variance comes to their blur; out : filled."""
+    for k in range(shape.shape[1]):
+        narrow = 1.0 / math.sqrt(1.0 / shape[1, k] ** 2 + variance)
+        part = narrow / shape[1, k]
+        out[0, k], out[1, k], out[2, k], out[3, k] = shape[0, k], narrow, shape[2, k] * part**3, shape[3, k] * part**4
+    return out[:, : shape.shape[1]]
 
 
 @njit(nogil=True)
@@ -595,3 +639,12 @@ def _variance(low: FloatArray, n: int, which: int) -> float:
         column[i] = value / low[i, i]
         total += column[i] * column[i]
     return total
+
+
+@njit(nogil=True)
+def _covariance(low: FloatArray, n: int, which: int) -> float:
+    """Element (which, n - 1) of the inverse of L L^T."""
+    column = np.zeros(n)
+    column[n - 1] = 1.0
+    _solve(low, n, column)
+    return float(column[which])

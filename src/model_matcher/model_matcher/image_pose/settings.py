@@ -27,6 +27,11 @@ WALKS = tuple(0.03125 * 2.0 ** (0.5 * k) for k in range(19))
 # rod thirty pixels wide from lit to dark; and the least, of which nothing is seen in a picture of whole levels.
 FIRST_SLOPE = 2.0
 LEAST_SLOPE = 0.01
+# Chance, beforehand, that shade grows beside an edge, curves that this is worth, and turns in which an image's own
+# curves tell it.
+SHADED, SHADED_WORTH, SHADE_TURNS = 0.1, 5.0, 5
+# Share of strong steps, those explained best, that tell the blur: others are no steps as they are drawn.
+BLUR_SHARE = 0.75
 # Pixels, sigmas that are added to the steps' own while a pose is drawn in: from half the reach to the width of an edge.
 DRAWN_IN = (4.0, 2.8, 2.0, 1.4, 1.0, 0.7)
 # Square radians: variance of a turn about an axis above which nothing shows it, that of an angle anywhere within a

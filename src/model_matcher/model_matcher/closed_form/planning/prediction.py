@@ -166,7 +166,7 @@ def _steps(sight: Sight, pictures: list[FloatArray], rig: PlannedRig) -> tuple[F
         ahead, behind = flanking_levels(picture, placed.pixel[rows], placed.normal[rows])
         contrast[rows], level[rows] = ahead - behind, 0.5 * (ahead + behind)
     beside, flank = neighbours(placed, sight.spacing)
-    profiles = Profiles(flank, sight.limb, beside, sight.stretch)
+    profiles = Profiles(flank, sight.limb, beside[:, :, 0], sight.stretch)
     variance = place_variances(contrast, profiles, sensor_blur(rig.sensor.psf), rig.sensor.pixel_noise(level), rig.walk)
     good = np.isfinite(variance)
     # A contour that is off as a whole tells no more than one sample would that is off by as much.
