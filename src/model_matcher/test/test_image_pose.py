@@ -96,9 +96,10 @@ def fitted_step(place, angle, blur):
     return fitted(step_image([place], [60, 180], angle, blur), angle, Quality(1.0, blur, 0.3, FIRST_WALK, LEAST_SLOPE))
 
 
-def fitted(image, angle, quality, beside=math.nan):
+def fitted(image, angle, quality, beside=math.nan, together=1.0):
     """What is fitted to an image of a step across its middle, and of another so many pixels beside it, (8, FITTED)."""
     outline = stretches(angle)
+    outline = outline._replace(together=together * outline.together)
     out, further = np.empty((len(outline.spacing), FITTED)), np.full((len(outline.spacing), BESIDE, 2), np.nan)
     further[:, 0] = beside, 0.0
     fit_steps(image, outline, further, quality, out)
@@ -123,16 +124,14 @@ def test_the_edges_of_a_narrow_strip_are_where_they_are(width, levels):
 
 
 def shaded_points(slope, group, rng, noise=1.0):
-    """Steps fitted to an image whose shade has a slope on one side, (8, FITTED), with a wide sigma of slopes."""
+    """Steps of an image whose shade has a slope on one side, (8, FITTED), with a wide sigma of it and a small."""
     across = np.linspace(-40.0, 40.0, 81)
     shade = np.where(across < 0.0, 0.0, slope) * across
     image = step_image([0.0], [100, 160], 0.7, 0.8, noise, int(rng.integers(10**6)), shade)
-    outline = stretches(0.7)._replace(together=np.full(8, 8.0))
-    out = np.empty((8, FITTED))
-    fit_steps(image, outline, np.full((8, BESIDE, 2), np.nan), Quality(1.0, 0.8, noise, WALKS[0], 2.0), out)
-    flat = np.empty((8, FITTED))
-    fit_steps(image, outline, np.full((8, BESIDE, 2), np.nan), Quality(1.0, 0.8, noise, WALKS[0], LEAST_SLOPE), flat)
-    return np.full(8, group, np.int32), out, flat
+    wide, flat = (
+        fitted(image, 0.7, Quality(1.0, 0.8, noise, WALKS[0], sigma), together=8.0) for sigma in (2.0, LEAST_SLOPE)
+    )
+    return np.full(8, group, np.int32), wide, flat
 
 
 def test_of_flat_faces_steps_are_as_if_no_shade_had_been_thought_of():

@@ -321,7 +321,7 @@ def fit_steps(image: ByteArray, outline: Stretches, beside: FloatArray, quality:
         np.empty((most + 1, wide)),
         np.empty(most),
         np.empty((2, wide)),
-        np.empty((4, wide)),
+        np.empty((beside.shape[1], 4, wide)),
     )
     fitted[:] = np.nan
     for n in range(len(outline.spacing)):
@@ -331,7 +331,7 @@ def fit_steps(image: ByteArray, outline: Stretches, beside: FloatArray, quality:
         pixels = pixel_profile(image, levels, at, outline.spacing[n], outline.bend[n], r, levels_seen) if r > 0 else 0
         if pixels == 0:
             continue
-        steps = _unknowns_of_steps(beside[n])
+        steps = _unknowns_of_steps(beside[n, :, 0])
         size = steps + (outline.limb[n] != 0.0) + 1
         mixed = math.sqrt(levels_seen[2].mean() / UNIFORM_VARIANCE)
         # Fourth cumulants of a pixel, a square seen at a slant, and of places spread evenly.
@@ -354,32 +354,30 @@ def fit_steps(image: ByteArray, outline: Stretches, beside: FloatArray, quality:
         how = _Fit(
             steps, size, outline.limb[n], variance, wander, slope * light * math.sqrt(outline.together[n]), black, white
         )
-        squares = _converged(levels_seen, _blurred_by_turns(beside[n], outline.spacing[n]), how, x, low, sums)
+        for j in range(steps // 2 - 1):
+            turned = UNIFORM_VARIANCE * (beside[n, j, 1] * outline.spacing[n]) ** 2
+            _widen(levels_seen[1:], turned, sums.shapes[j])
+        squares = _converged(levels_seen, beside[n, :, 0], how, x, low, sums)
         if not abs(x[0]) < FARTHEST_STEP or abs(x[1]) < BOUND_SIGMA * math.sqrt(variance):
             continue
-        fitted[n, 0], fitted[n, 1] = x[0], _variance(low, size, 0)
-        fitted[n, 4], fitted[n, 5] = x[size - 1], _variance(low, size, size - 1)
-        fitted[n, 6] = _covariance(low, size, 0)
-        fitted[n, 7] = light
+        of_place = sums.right
+        of_place[:] = 0.0
+        of_place[0] = 1.0
+        _solve(low, size, of_place)
+        fitted[n, 0], fitted[n, 1] = x[0], of_place[0]
+        fitted[n, 4], fitted[n, 5] = x[size - 1], 1.0 / low[size - 1, size - 1] ** 2
+        fitted[n, 6], fitted[n, 7] = of_place[size - 1], light
         # Of the slope the levels tell only what was not known beforehand.
         freedom = 2 * r - size + fitted[n, 5] / how.slope**2
         fitted[n, 2], fitted[n, 3] = x[1], squares / max(freedom, 1.0)
 
 
 @njit(nogil=True)
-def _blurred_by_turns(beside: FloatArray, spacing: float) -> FloatArray:
-    """Places of further steps, and the variances that they have along a stretch that they do not run along, (m, 2)."""
-    out = beside.copy()
-    out[:, 1] = (out[:, 1] * spacing) ** 2 * UNIFORM_VARIANCE
-    return out
-
-
-@njit(nogil=True)
 def _unknowns_of_steps(beside: FloatArray) -> int:
     """Places and contrasts of the steps of a profile: its own, and those beside it (m,)."""
     steps = 2
-    for line in beside:
-        if math.isnan(line[0]):
+    for place in beside:
+        if math.isnan(place):
             break
         steps += 2
     return steps
@@ -453,8 +451,8 @@ class _Sums(NamedTuple):
         The row of whitened derivatives before.
     link : (2, 2 FLANK + 1) float64
         See :func:`_whiten`.
-    shape : (4, 2 FLANK + 1) float64
-        See :func:`_wider`.
+    shapes : (m, 4, 2 FLANK + 1) float64
+        Of each further step, see :func:`_widen`.
     """
 
     normal: FloatArray
@@ -462,7 +460,7 @@ class _Sums(NamedTuple):
     rows: FloatArray
     white: FloatArray
     link: FloatArray
-    shape: FloatArray
+    shapes: FloatArray
 
 
 @njit(nogil=True)
@@ -505,6 +503,15 @@ def _step_rows(at: float, contrast: float, seen: FloatArray, by_place: FloatArra
 
 
 @njit(nogil=True)
+def _widen(shape: FloatArray, variance: float, out: FloatArray) -> None:
+    """Fill what :func:`_step_rows` asks for of levels, (4, n), where a variance comes to their blur."""
+    for k in range(shape.shape[1]):
+        narrow = 1.0 / math.sqrt(1.0 / shape[1, k] ** 2 + variance)
+        part = narrow / shape[1, k]
+        out[0, k], out[1, k], out[2, k], out[3, k] = shape[0, k], narrow, shape[2, k] * part**3, shape[3, k] * part**4
+
+
+@njit(nogil=True)
 def _normal_equations(seen: FloatArray, beside: FloatArray, how: _Fit, x: FloatArray, sums: _Sums) -> float:
     """Fill the normal equations of a fit at x (u,), in units of noise; returns the sum of squared residuals.
 
@@ -518,11 +525,11 @@ def _normal_equations(seen: FloatArray, beside: FloatArray, how: _Fit, x: FloatA
     for k in range(n):
         e[k] = seen[0, k]
     for j in range(0, steps, 2):
-        at, shape = x[j], seen[1:]
         if j:
-            at += beside[j // 2 - 1, 0]
-            shape = _wider(shape, beside[j // 2 - 1, 1], sums.shape)
-        _step_rows(at, x[j + 1], shape, rows[j], rows[j + 1])
+            further = j // 2 - 1
+            _step_rows(x[j] + beside[further], x[j + 1], sums.shapes[further, :, :n], rows[j], rows[j + 1])
+        else:
+            _step_rows(x[0], x[1], seen[1:], rows[0], rows[1])
         for k in range(n):
             e[k] -= x[j + 1] * rows[j + 1, k]
     for k in range(n):
@@ -560,16 +567,6 @@ def _normal_equations(seen: FloatArray, beside: FloatArray, how: _Fit, x: FloatA
         normal[i, i] += 1.0 / believed**2
         right[i] -= x[i] / believed**2
     return squares
-
-
-@njit(nogil=True)
-def _wider(shape: FloatArray, variance: float, out: FloatArray) -> FloatArray:
-    """What :func:`_step_rows` asks for of levels, (4, n), where a variance comes to their blur; out : filled."""
-    for k in range(shape.shape[1]):
-        narrow = 1.0 / math.sqrt(1.0 / shape[1, k] ** 2 + variance)
-        part = narrow / shape[1, k]
-        out[0, k], out[1, k], out[2, k], out[3, k] = shape[0, k], narrow, shape[2, k] * part**3, shape[3, k] * part**4
-    return out[:, : shape.shape[1]]
 
 
 @njit(nogil=True)
@@ -625,26 +622,3 @@ def _solve(low: FloatArray, n: int, x: FloatArray) -> None:
         for k in range(i + 1, n):
             x[i] -= low[k, i] * x[k]
         x[i] /= low[i, i]
-
-
-@njit(nogil=True)
-def _variance(low: FloatArray, n: int, which: int) -> float:
-    """Element (which, which) of the inverse of L L^T: the squared length of that column of the inverse of L."""
-    column = np.zeros(n)
-    total = 0.0
-    for i in range(which, n):
-        value = 1.0 if i == which else 0.0
-        for k in range(which, i):
-            value -= low[i, k] * column[k]
-        column[i] = value / low[i, i]
-        total += column[i] * column[i]
-    return total
-
-
-@njit(nogil=True)
-def _covariance(low: FloatArray, n: int, which: int) -> float:
-    """Element (which, n - 1) of the inverse of L L^T."""
-    column = np.zeros(n)
-    column[n - 1] = 1.0
-    _solve(low, n, column)
-    return float(column[which])

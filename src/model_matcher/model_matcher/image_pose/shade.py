@@ -12,13 +12,14 @@ import math
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import FloatArray, IntArray
+from msgs_py.numeric.typed import FloatArray, Int32Array
 
+from .neighbours import begins
 from .settings import SHADE_TURNS, SHADED, SHADED_WORTH
 
 
 @njit(nogil=True)
-def settle_slopes(group: IntArray, flat: float, shaded: float, fitted: FloatArray) -> None:
+def settle_slopes(group: Int32Array, flat: float, shaded: float, fitted: FloatArray) -> None:
     """Take from steps what they owe to slopes of shade that their curves do not have, in place.
 
     What is believed of the slope beforehand enters a fit linearly, so that no step is fitted again. How many curves of
@@ -26,59 +27,56 @@ def settle_slopes(group: IntArray, flat: float, shaded: float, fitted: FloatArra
 
     Parameters
     ----------
-    group : (n,) int
+    group : (n,) int32
         The curve of each point; those of one are together.
     flat, shaded : float
         Grey levels a pixel, sigmas of the slopes beside flat faces, and of those with which the steps were fitted.
     fitted : (n, FITTED) float64
         See :func:`.profiles.fit_steps`; places and variances are changed.
     """
-    tells, slope, wide = _slopes(group, shaded, fitted)
+    begin = begins(group)
+    tells, slope, wide = _slopes(begin, shaded, fitted)
     share = _shares(tells, slope, (flat / shaded) ** 2, wide)
-    c = -1
-    for k in range(len(group)):
-        c += k == 0 or group[k] != group[k - 1]
-        if math.isnan(fitted[k, 0]):
-            continue
-        here, variance, common, count = fitted[k, 4], fitted[k, 5], fitted[k, 6], wide[c, 1]
+    for c in np.flatnonzero(wide > 0.0):
+        count, flatter = begin[c + 1] - begin[c], 1.0 - share[c]
         # Of a flat face the sigma is less, and with it what the step may owe to the slope.
-        more = ((shaded / flat) ** 2 - 1.0) / (wide[c, 0] * count)
-        gain = more / (1.0 + more * variance)
-        shift, flatter = common * gain * here, 1.0 - share[c]
-        fitted[k, 0] -= flatter * shift
-        # Which of the two it is moves all points of a curve alike.
-        fitted[k, 1] += share[c] * flatter * shift * shift * count - flatter * common * common * gain
+        more = ((shaded / flat) ** 2 - 1.0) / (wide[c] * count)
+        for k in range(begin[c], begin[c + 1]):
+            if math.isnan(fitted[k, 0]):
+                continue
+            here, variance, common = fitted[k, 4], fitted[k, 5], fitted[k, 6]
+            gain = more / (1.0 + more * variance)
+            shift = common * gain * here
+            fitted[k, 0] -= flatter * shift
+            # Which of the two it is moves all points of a curve alike.
+            fitted[k, 1] += share[c] * flatter * shift * shift * count - flatter * common * common * gain
 
 
 @njit(nogil=True)
-def _slopes(group: IntArray, shaded: float, fitted: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What the points of each of c curves say of its slope together.
+def _slopes(begin: Int32Array, shaded: float, fitted: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What the points of each of c curves say of its slope together; begin : (c + 1,), see :func:`.neighbours.begins`.
 
     Returns
     -------
-    tells, slope : (c,) float64
-        One over the variance of the slope, 0 where no step was fitted; the slope, both in light.
-    wide : (c, 2) float64
-        The variance believed of it beforehand, and its points.
+    tells, slope, wide : (c,) float64
+        One over the variance of the slope, 0 where no step was fitted; the slope, in light; the variance that was
+        believed of it beforehand, 0 there too.
     """
-    n = len(group)
-    tells, slope, wide = np.zeros(n), np.zeros(n), np.zeros((n, 2))
-    c = -1
-    for k in range(n):
-        c += k == 0 or group[k] != group[k - 1]
-        wide[c, 1] += 1.0
-        if not math.isnan(fitted[k, 0]):
-            wide[c, 0] = (shaded * fitted[k, 7]) ** 2
-    c = -1
-    for k in range(n):
-        c += k == 0 or group[k] != group[k - 1]
-        if not math.isnan(fitted[k, 0]):
-            tells[c] += 1.0 / fitted[k, 5] - 1.0 / (wide[c, 0] * wide[c, 1])
-            slope[c] += fitted[k, 4] / fitted[k, 5]
-    for one in range(c + 1):
-        if tells[one] > 0.0:
-            slope[one] /= tells[one]
-    return tells[: c + 1], slope[: c + 1], wide[: c + 1]
+    curves = len(begin) - 1
+    tells, slope, wide = np.zeros(curves), np.zeros(curves), np.zeros(curves)
+    for c in range(curves):
+        count = 0
+        for k in range(begin[c], begin[c + 1]):
+            if not math.isnan(fitted[k, 0]):
+                tells[c] += 1.0 / fitted[k, 5]
+                slope[c] += fitted[k, 4] / fitted[k, 5]
+                wide[c] = (shaded * fitted[k, 7]) ** 2
+                count += 1
+        if count > 0:
+            tells[c] -= count / (wide[c] * (begin[c + 1] - begin[c]))
+        if tells[c] > 0.0:
+            slope[c] /= tells[c]
+    return tells, slope, wide
 
 
 @njit(nogil=True)
@@ -89,7 +87,7 @@ def _shares(tells: FloatArray, slope: FloatArray, part: float, wide: FloatArray)
     chance = SHADED
     for _ in range(SHADE_TURNS):
         for c in known:
-            flat, shaded = 1.0 / tells[c] + part * wide[c, 0], 1.0 / tells[c] + wide[c, 0]
+            flat, shaded = 1.0 / tells[c] + part * wide[c], 1.0 / tells[c] + wide[c]
             nats = 0.5 * (math.log(flat / shaded) + slope[c] ** 2 * (1.0 / flat - 1.0 / shaded))
             share[c] = chance / (chance + (1.0 - chance) * math.exp(-nats))
         chance = (SHADED_WORTH * SHADED + share.sum()) / (SHADED_WORTH + len(known))
