@@ -17,7 +17,7 @@ from model_matcher import MatchParams, index_model, match
 from model_matcher.geometry.pose_rows import as_motion
 from model_matcher.image_pose.alignment import Placed
 from model_matcher.image_pose.image_quality import look_of
-from model_matcher.image_pose.measurement import drawn_in, measure_pose, presence
+from model_matcher.image_pose.measurement import drawn_in, measure_pose, polished, presence
 from model_matcher.image_pose.model_error import FIRST_ERROR, fitted_model_error
 from model_matcher.image_pose.presence import Chance, behind_screens, bent, log_ratio, reversals, steadiness
 from model_matcher.image_pose.profiles import FITTED, Quality, Stretches, find_steps, fit_steps
@@ -221,6 +221,20 @@ def test_the_tone_curve_is_told_from_the_outline():
     found = measure_pose(shape, pose, coded)
     assert coded.tone[0] == 2.2
     assert pose.error_to(found.pose).rotation_deg < 0.1
+
+
+@pytest.mark.parametrize('seed', [1, 2, 3, 4])
+def test_what_pictures_are_like_does_not_depend_on_where_a_pose_was_drawn_in(seed):
+    """A pixel and a half off, few steps are the edges they are taken for: levels seem to wander, and codes to fit."""
+    shape, _, pose, views, rig = rendered('l_shape', seed)
+    polished(shape, as_motion(pose), views)
+    off = Views.of(views.images, rig)
+    start = moved(pose, shape.centre, 0.0, 1500.0 * pose.translation[2] / CAMERA.fx, seed)
+    found = polished(shape, as_motion(start), off)
+    assert pose.error_to(found.pose).rotation_deg < 0.1
+    assert off.tone[0] == views.tone[0] == 1.0
+    np.testing.assert_allclose(off.look[:, 0], views.look[:, 0], rtol=0.02)
+    assert off.look[:, 1].max() < 2.0 * max(views.look[:, 1].max(), 0.5)
 
 
 def test_all_steps_of_a_profile_are_found_with_their_signs():
