@@ -182,63 +182,57 @@ class Laid(NamedTuple):
 def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
     """The pose from fitted steps, from one (12,) that is a pixel or so off; see :func:`measure_pose`.
 
-    Whether the camera codes light by a tone curve is not said in an image. A wrong curve moves every step to its dark
-    side, and which side that is differs from edge to edge: the right one leaves the outline less to be off.
-    """
-    if views.tone[0] > 0.0:
-        return _polished(shape, motion, views)
-    coded = [views.coded(tone) for tone in TONES]
-    found = spread(lambda some: _told(shape, motion, some), coded)
-    best = 0
-    if all(not one.reason for one in found):
-        curves = len(np.unique(found[0].presence.sight.placed.group))
-        of_lines = [np.hypot(one.error.curve, one.error.view) + NOT_ZERO for one in found]
-        # The pose has taken six of the errors of the curves.
-        gain = max(2 * curves - 6, 0) * np.log(of_lines[0] / of_lines[1])
-        best = int(gain > DECISIVE)
-        views.take_over(coded[best].quality)
-    return found[best]
-
-
-def _told(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
-    """As :func:`_polished`, and what the images are like is told again from there."""
-    rough = _polished(shape, motion, views)
-    if rough.reason:
-        return rough
-    views.take_over((views.noise, views.tone, np.zeros_like(views.look)))
-    return _polished(shape, as_motion(rough.pose), views)
-
-
-def _polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
-    """The pose near one (12,), with the tone curve of the views.
-
     Steps are fitted where the outline is drawn: if the pose moves it farther than steps are told from, and than its
-    curves are found to be off themselves, it is drawn anew.
+    curves are found to be off themselves, it is drawn anew. What images are like that nothing is known of yet is told
+    anew as well: a pixel off their edges, any of it may seem to be so.
     """
+    tones = () if views.tone[0] > 0.0 else TONES
     for _ in range(DRAWN_ANEW):
-        found, shift = _polished_once(shape, motion, views)
-        if not shift > MOST_MOVED:
+        found, shift = _polished_once(shape, motion, views, tones)
+        if not shift > max(MOST_MOVED, math.hypot(found.error.curve, found.error.view)):
             break
         motion = as_motion(found.pose)
     return found
 
 
-def _polished_once(shape: Shape, motion: FloatArray, views: Views) -> tuple[ImagePose, float]:
-    """The pose from steps that are fitted where it is drawn at (12,), and how far it has moved them, pixels."""
+def _polished_once(
+    shape: Shape, motion: FloatArray, views: Views, tones: tuple[float, ...]
+) -> tuple[ImagePose, float]:
+    """The pose from steps that are fitted where it is drawn at (12,), and how far it has moved them, pixels.
+
+    Whether the camera codes light by a tone curve is not said in an image. A wrong curve moves every step to its dark
+    side, and which side that is differs from edge to edge: the right one leaves the outline less to be off.
+
+    tones : tone curves that the views may have, the likelier first; none where theirs is known
+    """
     outline = outline_of(shape, as_pose(motion), views.cameras, views.poses)
     sight = drawn(outline, motion, shape.centre, views)
     if len(sight) < FEWEST_POINTS:
         return _nothing(motion, Presence(-np.inf, 0.0, sight, np.zeros(len(sight), np.int8))), 0.0
     density = elsewhere(searched(sight, views, FLANK), FLANK)
-    laid_on = laid_on_steps(
-        shape, motion, views, sight, own_steps(fitted(sight, views), sight, motion, views), density
-    )
+    if not tones:
+        laid_on = _laid_on_fitted(shape, motion, views, sight, density)
+    else:
+        coded = [views.coded(tone) for tone in tones]
+        found = spread(lambda some: _laid_on_fitted(shape, motion, some, sight, density), coded)
+        curves = len(np.unique(sight.placed.group))
+        of_lines = [np.hypot(one.error.curve, one.error.view) + NOT_ZERO for one in found]
+        # The pose has taken six of the errors of the curves.
+        gain = max(2 * curves - 6, 0) * np.log(of_lines[0] / of_lines[1])
+        best = int(gain > DECISIVE)
+        laid_on = found[best]
+        views.take_over(coded[best].quality)
     pose = as_pose(laid_on.motion)
     arm = (pose.translation - pose.apply(shape.centre))[None]
     covariance = covariances(laid_on.normal[None], np.ones(1), arm, shape.size)[0]
     there = shown(drawn(outline, laid_on.motion, shape.centre, views), views)[0]
     shift = moved_by(laid_on.motion, views.rows, sight.placed)
     return ImagePose(pose, covariance, there, laid_on.residual, laid_on.weight, laid_on.error), shift
+
+
+def _laid_on_fitted(shape: Shape, motion: FloatArray, views: Views, sight: Sight, density: float) -> Laid:
+    """A pose near (12,), with the tone curve of the views; density : see :func:`elsewhere`."""
+    return laid_on_steps(shape, motion, views, sight, own_steps(fitted(sight, views), sight, motion, views), density)
 
 
 def laid_on_steps(shape: Shape, motion: FloatArray, views: Views, sight: Sight, steps: Steps, density: float) -> Laid:
