@@ -195,9 +195,7 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
     return found
 
 
-def _polished_once(
-    shape: Shape, motion: FloatArray, views: Views, tones: tuple[float, ...]
-) -> tuple[ImagePose, float]:
+def _polished_once(shape: Shape, motion: FloatArray, views: Views, tones: tuple[float, ...]) -> tuple[ImagePose, float]:
     """The pose from steps that are fitted where it is drawn at (12,), and how far it has moved them, pixels.
 
     Whether the camera codes light by a tone curve is not said in an image. A wrong curve moves every step to its dark
