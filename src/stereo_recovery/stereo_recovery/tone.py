@@ -23,12 +23,11 @@ import numpy as np
 
 from msgs_py.numeric.settings import BOUND_SIGMA, SRGB_EXPONENT
 from msgs_py.numeric.threads import spread
-from msgs_py.numeric.typed import FloatArray, IntArray
+from msgs_py.numeric.typed import Float32Array, FloatArray, IntArray
 
 from .detection.edgels import blur_variance
 from .detection.line_kernels import Lines
 from .detection.segments import Segments
-from .detection.settings import WHITE
 from .detection.splitting_kernels import continuations
 from .detection.view import View
 from .noise_levels import nats_of_code, noise_by_level
@@ -39,6 +38,7 @@ from .settings import (
     OUT_OF_LINE_SIGMA,
     REVERSED_APART,
     SHARE_SIGMA,
+    STEP_ENDS,
     TONE_SAMPLES,
 )
 
@@ -159,13 +159,17 @@ def shift_in_code(view: View, sigma: float) -> FloatArray:
         return np.zeros(0)
     total = blur_variance([view.edgels])
     blur = np.sqrt(max(total - sigma**2, 0.0))
-    u, v = np.moveaxis(segments.places(TONE_SAMPLES), 2, 0).astype(np.float32)
-    middle = cv2.remap(view.grey, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).mean(axis=1)
-    half = np.sqrt(0.5 * np.pi * total) * segments.magnitude
-    dark, bright = np.maximum(middle - half, 0.0), np.minimum(middle + half, WHITE)
+    places, beside = segments.places(TONE_SAMPLES), STEP_ENDS * blur * segments.normal[:, None]
+    dark, bright = (_mean_level(view.grey, places + side * beside) for side in (-1.0, 1.0))
     ratio, of_ratio = _coded_steps()
     mean, variance, third = (np.interp(dark / np.maximum(bright, 1.0), ratio, one) for one in of_ratio)
     return np.asarray(0.5 * third * blur**3 / (variance * blur**2 + sigma**2) - mean * blur)
+
+
+def _mean_level(grey: Float32Array, places: FloatArray) -> FloatArray:
+    """Mean grey levels (n,) of a picture at places (n, k, 2)."""
+    u, v = np.moveaxis(places, 2, 0).astype(np.float32)
+    return np.asarray(cv2.remap(grey, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).mean(axis=1))
 
 
 @cache
