@@ -24,8 +24,8 @@ LABELLING_SHARE, CURVES_SHARE, EDGES_SHARE = 0.4, 0.6, 0.8
 
 # -- tone --------------------------------------------------------------------------------------------------------------
 
-# Places along a segment where the grey levels beside it are looked up; and how far beside, sigmas of its blur: there a
-# step is within a hundredth of its contrast of its level. [D]
+# Places along a segment where the grey levels beside it are looked up; and how far beside, sigmas of its blur:
+# there light is within a hundredth of a step's contrast of its level. [D]
 TONE_SAMPLES, STEP_ENDS = 8, 2.5
 # px: farthest that a tone curve shows two edges of one line beside each other. [D] Two shifts of edges of black, at a
 # blur of 1.3 px.

@@ -48,7 +48,8 @@ def settle_slopes(group: Int32Array, flat: float, shaded: float, fitted: FloatAr
             gain = more / (1.0 + more * variance)
             shift = common * gain * here
             fitted[k, 0] -= flatter * shift
-            # Which of the two it is moves all points of a curve alike.
+            # Which of the two it is moves all points of a curve alike. By how much is each point's word, not that of
+            # the whole curve: shade of real surfaces has no one slope along it.
             fitted[k, 1] += share[c] * flatter * shift * shift * count - flatter * common * common * gain
 
 
