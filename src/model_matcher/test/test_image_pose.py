@@ -20,8 +20,16 @@ from model_matcher.image_pose.image_quality import look_of
 from model_matcher.image_pose.measurement import drawn_in, measure_pose, polished, presence
 from model_matcher.image_pose.model_error import FIRST_ERROR, fitted_model_error
 from model_matcher.image_pose.presence import Chance, behind_screens, bent, log_ratio, reversals, steadiness
-from model_matcher.image_pose.profiles import FITTED, Quality, Stretches, find_steps, fit_steps
-from model_matcher.image_pose.settings import BESIDE, CANDIDATES, FIRST_WALK, FLANK, LEAST_SLOPE, WALKS
+from model_matcher.image_pose.profiles import (
+    FITTED,
+    Quality,
+    Stretches,
+    find_steps,
+    fit_profiles,
+    fit_steps,
+    profiles_of,
+)
+from model_matcher.image_pose.settings import BESIDE, CANDIDATES, FIRST_SLOPE, FIRST_WALK, FLANK, LEAST_SLOPE, WALKS
 from model_matcher.image_pose.shade import settle_slopes
 from model_matcher.image_pose.sight import look, same_curves
 from model_matcher.image_pose.views import Views
@@ -104,6 +112,23 @@ def fitted(image, angle, quality, beside=math.nan, together=1.0):
     further[:, 0] = beside, 0.0
     fit_steps(image, outline, further, quality, out)
     return out
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-1.0, 1.0), st.floats(0.0, 2.0 * math.pi), st.floats(0.5, 1.5), st.sampled_from([0.9, 1.05, 1.25]))
+def test_a_fit_that_begins_at_one_of_another_blur_ends_where_it_would(place, angle, blur, times):
+    """Within a tenth of its sigma; and what is left, by which blurs are compared, is as much, to a fiftieth."""
+    image, outline = step_image([place], [60, 180], angle, blur, noise=1.0), stretches(angle)
+    nothing = np.full((len(outline.spacing), BESIDE, 2), np.nan)
+    profiles, ends = profiles_of(image, outline, 1.0), []
+    for first in (blur, times * blur):
+        out = np.full((len(outline.spacing), FITTED), np.nan)
+        for one in (first, blur):
+            fit_profiles(profiles, outline, nothing, Quality(1.0, one, 1.0, WALKS[0], FIRST_SLOPE), out)
+        ends.append(out)
+    same, other = ends
+    np.testing.assert_array_less(np.abs(same[:, 0] - other[:, 0]), 0.1 * np.sqrt(same[:, 1]))
+    np.testing.assert_allclose(same[:, 3], other[:, 3], rtol=0.02)
 
 
 def test_steps_beside_one_another_are_told_apart():

@@ -173,9 +173,10 @@ def test_the_normal_integral_has_seven_digits():
 @settings(deadline=None)
 @given(st.floats(-8.5, 16.5), st.floats(0.35, 3.0), st.floats(-200.0, 200.0))
 def test_derivatives_of_a_step_are_those_of_its_integral(at, blur, contrast):
-    by_place, by_contrast = np.empty(9), np.empty(9)
+    rows, bell = np.empty((2, 9)), np.empty((2, 9))
     narrow = 1.0 / np.hypot(blur, np.linspace(0.0, 0.5, 9))
-    _step_rows(at, contrast, np.array([np.arange(9.0), narrow, np.zeros(9), np.zeros(9)]), by_place, by_contrast)
+    _step_rows(at, contrast, np.array([np.arange(9.0), narrow, np.zeros(9), np.zeros(9)]), rows, bell)
+    by_place, by_contrast = rows
     t = (np.arange(9.0) - at) * narrow
     density = np.exp(-0.5 * t * t) / math.sqrt(2.0 * math.pi) * narrow
     np.testing.assert_allclose(by_place, -contrast * density, rtol=1e-10, atol=1e-200)
@@ -191,7 +192,7 @@ def test_the_shape_of_a_step_in_pixels_at_two_distances(at, blur, share, contras
     levels = np.stack([np.arange(9.0), np.full(9, 1.0 / sigma), np.full(9, sixth), np.zeros(9)])
     rows = np.empty((3, 2, 9))
     for row, shift in zip(rows, (0.0, -1e-4, 1e-4)):
-        _step_rows(at + shift, contrast, levels, row[0], row[1])
+        _step_rows(at + shift, contrast, levels, row, np.empty_like(row))
     t = np.arange(9.0) - at
     exact = (1.0 - share) * ndtr((t - share) / blur) + share * ndtr((t + 1.0 - share) / blur)
     spread = share * (1.0 - share) / sigma**2
@@ -207,7 +208,7 @@ def test_the_shape_of_a_step_that_square_pixels_count(at, lens, contrast):
     levels = np.stack([where, np.full(481, 1.0 / blur), np.zeros(481), np.full(481, -1.0 / 120.0 / blur**4 / 24.0)])
     rows = np.empty((3, 2, 481))
     for row, shift in zip(rows, (0.0, -1e-4, 1e-4)):
-        _step_rows(at + shift, contrast, levels, row[0], row[1])
+        _step_rows(at + shift, contrast, levels, row, np.empty_like(row))
 
     def integral(x):
         return x * ndtr(x) + np.exp(-0.5 * x * x) / math.sqrt(2.0 * math.pi)

@@ -11,7 +11,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, ByteArray, FloatArray
 
 from ..geometry.settings import NOT_ZERO
-from .profiles import FITTED, Quality, Stretches, fit_steps
+from .profiles import FITTED, Profiles, Quality, Stretches, fit_profiles, profiles_of
 from .settings import (
     BLUR_SHARE,
     BLUR_STEPS,
@@ -48,20 +48,20 @@ def look_of(image: ByteArray, outline: Stretches, beside: FloatArray, tone: floa
     outline : Stretches
         n of them.
     beside : (n, m, 2) float64
-        See :func:`.profiles.fit_steps`.
+        See :func:`.profiles.fit_profiles`.
     tone, noise : float
         See :class:`.profiles.Quality`.
     """
     alone = np.flatnonzero((outline.flank == FLANK) & np.isnan(beside[:, :, 0]).all(axis=1))
     some = alone[:: max(1, -(-len(alone) // QUALITY_POINTS))]
     each = outline.some(some)._replace(together=np.ones(len(some)))
-    return Look(*_look_of(_Steps(image, each, beside[some], tone, noise)))
+    return Look(*_look_of(_Steps(profiles_of(image, each, tone), each, beside[some], tone, noise)))
 
 
 class _Steps(NamedTuple):
     """Steps that stand alone, and what is known of their image: see :func:`look_of`."""
 
-    image: ByteArray
+    profiles: Profiles
     outline: Stretches
     beside: FloatArray
     tone: float
@@ -71,7 +71,7 @@ class _Steps(NamedTuple):
 @njit(nogil=True)
 def _look_of(steps: _Steps) -> tuple[float, float, float]:
     """As :func:`look_of`."""
-    out = np.empty((len(steps.outline.spacing), FITTED))
+    out = np.full((len(steps.outline.spacing), FITTED), np.nan)
     _fit(steps, FIRST_BLUR, FIRST_WALK, out)
     if np.isnan(out[:, 0]).all():
         return FIRST_BLUR, FIRST_WALK, FIRST_SLOPE
@@ -95,9 +95,9 @@ def _look_of(steps: _Steps) -> tuple[float, float, float]:
 
 @njit(nogil=True)
 def _fit(steps: _Steps, blur: float, walk: float, out: FloatArray) -> None:
-    """Fit the steps, see :func:`.profiles.fit_steps`; out : (n, FITTED), filled."""
+    """Fit the steps, see :func:`.profiles.fit_profiles`; out : (n, FITTED), of the fit before and of this one."""
     quality = Quality(steps.tone, blur, steps.noise, walk, FIRST_SLOPE)
-    fit_steps(steps.image, steps.outline, steps.beside, quality, out)
+    fit_profiles(steps.profiles, steps.outline, steps.beside, quality, out)
 
 
 @njit(nogil=True)

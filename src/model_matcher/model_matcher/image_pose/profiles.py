@@ -14,7 +14,7 @@ from msgs_py.numeric.typed import ByteArray, FloatArray, Int32Array, IntArray
 from ..geometry.least_squares import cholesky
 from ..geometry.settings import UNIFORM_VARIANCE
 from .blurred_root import blurred_root
-from .settings import CONTRAST, FARTHEST_STEP, FIT_TURNS, FLANK, LAST_FIT_STEP, LONGEST_FIT_STEP, ON_EDGE, TAPS
+from .settings import CONTRAST, FARTHEST_STEP, FIT_TURNS, FLANK, LAST_FIT_GAIN, LONGEST_FIT_STEP, ON_EDGE, TAPS
 
 ONE = np.uint64(1)
 # The fourth cumulant of what is spread evenly over one.
@@ -81,6 +81,36 @@ class Quality(NamedTuple):
     noise: float
     walk: float
     slope: float
+
+
+class Profiles(NamedTuple):
+    """Grey levels across an outline, and how far from it.
+
+    Attributes
+    ----------
+    seen : (n, 4, 2 FLANK + 1) float64
+        What :func:`pixel_profile` fills for each stretch, in the first columns.
+    pixels : (n,) int32
+        How many pixels each level is the mean of; 0 where there is no profile.
+    """
+
+    seen: FloatArray
+    pixels: Int32Array
+
+
+@njit(nogil=True)
+def profiles_of(image: ByteArray, outline: Stretches, tone: float) -> Profiles:
+    """The profiles of an outline, in light; tone : see :class:`Quality`."""
+    levels = 255.0 * (np.arange(256.0) / 255.0) ** tone
+    n = len(outline.spacing)
+    seen, pixels = np.empty((n, 4, 2 * FLANK + 1)), np.zeros(n, np.int32)
+    for k in range(n):
+        r = outline.flank[k]
+        at = (outline.pixel[k, 0], outline.pixel[k, 1], outline.normal[k, 0], outline.normal[k, 1])
+        if r > 0:
+            out = seen[k, :, : 2 * r + 1]
+            pixels[k] = pixel_profile(image, levels, at, outline.spacing[k], outline.bend[k], r, out)
+    return Profiles(seen, pixels)
 
 
 @njit(nogil=True)
@@ -285,6 +315,15 @@ def find_steps(
 
 @njit(nogil=True)
 def fit_steps(image: ByteArray, outline: Stretches, beside: FloatArray, quality: Quality, fitted: FloatArray) -> None:
+    """The steps of an outline in an image, see :func:`fit_profiles`; ``fitted`` (n, FITTED) is filled."""
+    fitted[:] = np.nan
+    fit_profiles(profiles_of(image, outline, quality.tone), outline, beside, quality, fitted)
+
+
+@njit(nogil=True)
+def fit_profiles(
+    profiles: Profiles, outline: Stretches, beside: FloatArray, quality: Quality, fitted: FloatArray
+) -> None:
     """The steps of an outline fitted to the profiles across it: a + sum of b_k Phi((x - o_k - d_k) / blur) + a walk.
 
     Least squares in contrasts and places. The derivative by a place is largest at its step, so that nothing which white
@@ -296,19 +335,21 @@ def fit_steps(image: ByteArray, outline: Stretches, beside: FloatArray, quality:
 
     Parameters
     ----------
-    image : (h, w) uint8
+    profiles : Profiles
     outline : Stretches
+        The same.
     beside : (n, m, 2) float64
         Pixels from each point to further steps across its normal, o_k, and by how many this changes for each along the
         tangent, in size; not a number where there are fewer.
     quality : Quality
+        The tone curve is that of the profiles.
     fitted : (n, FITTED) float64
         Filled with: d_0, pixels along the normal; its variance; the contrast b_0; mean squared residual, in units of
         what noise and walk make it; the slope s; its variance; its covariance with d_0; what a grey level is in light,
         here. Not a number where the profile leaves the image, shows no step or one farther than FARTHEST_STEP away.
+        The fit begins with the place, contrast and slope that it holds already.
     """
     tone, blur, noise, walk, slope = quality
-    levels = 255.0 * (np.arange(256.0) / 255.0) ** tone
     # Of a pixel's noise in light, at either end of the scale.
     black, white = 255.0 * (noise / 255.0) ** tone, tone * noise
     seen = np.empty((5, 2 * FLANK + 1))
@@ -322,20 +363,22 @@ def fit_steps(image: ByteArray, outline: Stretches, beside: FloatArray, quality:
         np.empty(most),
         np.empty((2, wide)),
         np.empty((beside.shape[1], 4, wide)),
+        np.empty((2, wide)),
     )
-    fitted[:] = np.nan
     for n in range(len(outline.spacing)):
-        r = outline.flank[n]
-        at = (outline.pixel[n, 0], outline.pixel[n, 1], outline.normal[n, 0], outline.normal[n, 1])
-        levels_seen = seen[:, : 2 * r + 1]
-        pixels = pixel_profile(image, levels, at, outline.spacing[n], outline.bend[n], r, levels_seen) if r > 0 else 0
+        place, contrast, shade = fitted[n, 0], fitted[n, 2], fitted[n, 4]
+        fitted[n] = np.nan
+        r, pixels = outline.flank[n], profiles.pixels[n]
         if pixels == 0:
             continue
+        levels_seen = seen[:, : 2 * r + 1]
+        levels_seen[:4] = profiles.seen[n, :, : 2 * r + 1]
         steps = _unknowns_of_steps(beside[n, :, 0])
         size = steps + (outline.limb[n] != 0.0) + 1
         mixed = math.sqrt(levels_seen[2].mean() / UNIFORM_VARIANCE)
         # Fourth cumulants of a pixel, a square seen at a slant, and of places spread evenly.
-        square = (at[2] ** 4 + at[3] ** 4) * EVEN_CUMULANT
+        across, along = outline.normal[n, 0], outline.normal[n, 1]
+        square = (across**4 + along**4) * EVEN_CUMULANT
         for k in range(2 * r + 1):
             spread = EVEN_CUMULANT * (seen[2, k] / UNIFORM_VARIANCE) ** 2
             narrow = 1.0 / math.sqrt(blur * blur + seen[2, k])
@@ -346,11 +389,13 @@ def fit_steps(image: ByteArray, outline: Stretches, beside: FloatArray, quality:
         light = tone * mean ** (1.0 - 1.0 / tone)
         variance = (noise * light) ** 2 / pixels
         # From one level to the next, less what a mean of pixels at places so far apart leaves of it.
-        wander = (walk * light) ** 2 * (max(abs(at[2]), abs(at[3])) - mixed / 3.0)
+        wander = (walk * light) ** 2 * (max(abs(across), abs(along)) - mixed / 3.0)
         if outline.limb[n] != 0.0:
             # Shade beside a limb is that of the surface, the same all along.
             wander *= outline.together[n]
         x[:] = 0.0
+        if not math.isnan(place):
+            x[0], x[1], x[size - 1] = place, contrast, shade
         how = _Fit(
             steps, size, outline.limb[n], variance, wander, slope * light * math.sqrt(outline.together[n]), black, white
         )
@@ -399,14 +444,15 @@ def _converged(seen: FloatArray, beside: FloatArray, how: _Fit, x: FloatArray, l
             gradient[i] = sums.right[i]
         _solve(low, how.size, sums.right)
         longest = LONGEST_FIT_STEP if turn or x[1] != 0.0 else 0.0
-        for j in range(0, how.steps, 2):
-            sums.right[j] = min(max(sums.right[j], -longest), longest)
+        gain = 0.0
         for i in range(how.size):
+            if i < how.steps and i % 2 == 0:
+                sums.right[i] = min(max(sums.right[i], -longest), longest)
             x[i] += sums.right[i]
-        if longest > 0.0 and abs(sums.right[0]) < LAST_FIT_STEP:
-            # What the last step takes away: so short a one is that of a linear problem.
-            for i in range(how.size):
-                squares -= gradient[i] * sums.right[i]
+            gain += gradient[i] * sums.right[i]
+        if longest > 0.0 and gain < LAST_FIT_GAIN:
+            # So short a step is that of a linear problem.
+            squares -= gain
             break
     return squares
 
@@ -453,6 +499,8 @@ class _Sums(NamedTuple):
         See :func:`_whiten`.
     shapes : (m, 4, 2 FLANK + 1) float64
         Of each further step, see :func:`_widen`.
+    bell : (2, 2 FLANK + 1) float64
+        See :func:`_step_rows`.
     """
 
     normal: FloatArray
@@ -461,6 +509,7 @@ class _Sums(NamedTuple):
     white: FloatArray
     link: FloatArray
     shapes: FloatArray
+    bell: FloatArray
 
 
 @njit(nogil=True)
@@ -478,28 +527,30 @@ def _whiten(n: int, how: _Fit, sums: _Sums) -> None:
 
 
 @njit(nogil=True)
-def _step_rows(at: float, contrast: float, seen: FloatArray, by_place: FloatArray, by_contrast: FloatArray) -> None:
-    """Derivatives of a blurred step at a place, pixels along the normal, by place and by contrast, (n,) each.
+def _step_rows(at: float, contrast: float, seen: FloatArray, rows: FloatArray, bell: FloatArray) -> None:
+    """Derivatives of a blurred step at a place, pixels along the normal, by place and by contrast: the two ``rows``.
 
     The step's shape is the beginning of Edgeworth's series (Cramer 1946, 17.6).
 
     seen : (4, n) of n levels: where they are, pixels; one over the sigma of their blur; a sixth of its skewness; the
         24th part of its excess, below zero: a pixel is a square
+    rows, bell : (2, n or more), filled; bell: exp(-t^2 / 2) and its integral, t sigmas of the blur from the step
     """
     # Two loops, of which the second has no calls: it is done for several levels at once.
     where, narrow, skew, flat = seen[0], seen[1], seen[2], seen[3]
     n = len(where)
     for k in range(n):
         t = (where[k] - at) * narrow[k]
-        by_place[k] = math.exp(-0.5 * t * t)
+        bell[0, k] = math.exp(-0.5 * t * t)
     for k in range(n):
         t = (where[k] - at) * narrow[k]
-        density = 0.3989422804014327 * by_place[k]
+        density = 0.3989422804014327 * bell[0, k]
         square = t * t
         cubic = t * (square - 3.0)
-        by_contrast[k] = _normal_integral(t, by_place[k]) - (skew[k] * (square - 1.0) + flat[k] * cubic) * density
+        bell[1, k] = _normal_integral(t, bell[0, k])
+        rows[1, k] = bell[1, k] - (skew[k] * (square - 1.0) + flat[k] * cubic) * density
         quartic = square * (square - 6.0) + 3.0
-        by_place[k] = -contrast * density * (1.0 + skew[k] * cubic + flat[k] * quartic) * narrow[k]
+        rows[0, k] = -contrast * density * (1.0 + skew[k] * cubic + flat[k] * quartic) * narrow[k]
 
 
 @njit(nogil=True)
@@ -524,22 +575,18 @@ def _normal_equations(seen: FloatArray, beside: FloatArray, how: _Fit, x: FloatA
     e = rows[size]
     for k in range(n):
         e[k] = seen[0, k]
-    for j in range(0, steps, 2):
-        if j:
-            further = j // 2 - 1
-            _step_rows(x[j] + beside[further], x[j + 1], sums.shapes[further, :, :n], rows[j], rows[j + 1])
-        else:
-            _step_rows(x[0], x[1], seen[1:], rows[0], rows[1])
-        for k in range(n):
-            e[k] -= x[j + 1] * rows[j + 1, k]
+    _step_rows(x[0], x[1], seen[1:], rows[:2], sums.bell)
     for k in range(n):
         # The distance from the step, behind the same blur.
-        away, narrow = seen[1, k] - x[0], seen[2, k]
-        bell = math.exp(-0.5 * (away * narrow) ** 2)
-        way = 2.0 * _normal_integral(away * narrow, bell) - 1.0
-        rows[size - 1, k] = away * way + 0.7978845608028654 * bell / narrow
-        e[k] -= x[size - 1] * rows[size - 1, k]
+        way = 2.0 * sums.bell[1, k] - 1.0
+        rows[size - 1, k] = (seen[1, k] - x[0]) * way + 0.7978845608028654 * sums.bell[0, k] / seen[2, k]
+        e[k] -= x[1] * rows[1, k] + x[size - 1] * rows[size - 1, k]
         rows[0, k] -= x[size - 1] * way
+    for j in range(2, steps, 2):
+        further = j // 2 - 1
+        _step_rows(x[j] + beside[further], x[j + 1], sums.shapes[further, :, :n], rows[j : j + 2], sums.bell)
+        for k in range(n):
+            e[k] -= x[j + 1] * rows[j + 1, k]
     if size > steps + 1:
         # Near the limb of a curved surface its normal, and with it the shading, turns with the root of the distance.
         for k in range(n):

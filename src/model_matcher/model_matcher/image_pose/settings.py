@@ -62,8 +62,9 @@ BLUR_STEPS = (1.25, 1.05)
 # Gauss-Newton steps of a step's fit, and the longest of them, pixels: from half a pixel away it has all digits.
 FIT_TURNS = 5
 LONGEST_FIT_STEP = 0.5
-# Pixels: after a step of the fit this short the next would be about its square, and no digit that noise leaves.
-LAST_FIT_STEP = 0.02
+# What the last step of a fit takes from the sum of squares, in units of noise, at most: it moves the place by a tenth
+# of its sigma, and the next would by about the square of that.
+LAST_FIT_GAIN = 0.01
 # Points by which blur and walk of an image are told, at most: of so many the median is good to a tenth of the noise.
 QUALITY_POINTS = 256
 # Pixels that a fitted step may be off what the pose predicts: farther, it was not seen from there.

@@ -32,7 +32,7 @@ def settle_slopes(group: Int32Array, flat: float, shaded: float, fitted: FloatAr
     flat, shaded : float
         Grey levels a pixel, sigmas of the slopes beside flat faces, and of those with which the steps were fitted.
     fitted : (n, FITTED) float64
-        See :func:`.profiles.fit_steps`; places and variances are changed.
+        See :func:`.profiles.fit_profiles`; places and variances are changed.
     """
     begin = begins(group)
     tells, slope, wide = _slopes(begin, shaded, fitted)

@@ -35,7 +35,7 @@ from ..model.index import ModelIndex
 from ..model.problem import Problem
 from ..model.regularity import regularity
 from ..model.settings import SAME_POSE
-from ..model.symmetry import Axis, axis_of_revolution, common_axis, near, symmetric_poses, symmetries
+from ..model.symmetry import Axis, about_axis, axis_of_revolution, common_axis, near, symmetric_poses, symmetries
 from .evidence import displaced
 from .false_alarms import chance_with_images
 from .refinement import evidence_at
@@ -362,9 +362,13 @@ def _open_axis(index: ModelIndex, hypothesis: Interpretation) -> Axis | None:
     Of two features each is about an axis of its own.
     """
     rows = _matched_rows(index, hypothesis)
-    but_one = [np.delete(rows, k, axis=0) for k in range(len(rows))] if len(rows) > 2 else []
-    axes = (common_axis(some, index.size) for some in (rows, *but_one))
-    return next((axis for axis in axes if axis is not None), None)
+    if len(rows) < 3:
+        return common_axis(rows, index.size)
+    # All but the first are about an axis, or all but one about that of the first.
+    but_first = common_axis(rows[1:], index.size)
+    about = about_axis(rows, Axis(rows[0, :3], rows[0, 3:6]), index.size)
+    others = common_axis(rows[about], index.size) if about.sum() >= len(rows) - 1 else None
+    return others if about.all() or but_first is None else but_first
 
 
 def _free_axis(index: ModelIndex, hypothesis: Interpretation) -> Axis | None:

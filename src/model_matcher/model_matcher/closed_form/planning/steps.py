@@ -94,7 +94,7 @@ def place_variances(
 ) -> FloatArray:
     """Variance that noise gives the places of steps as they are fitted to their profiles.
 
-    The fit is that of :func:`model_matcher.image_pose.profiles.fit_steps`: the level before the step, its place and
+    The fit is that of :func:`model_matcher.image_pose.profiles.fit_profiles`: the level before the step, its place and
     height, the slope of shade beside it, the shading of a curved surface that turns away from the eye, and places and
     heights of further steps beside are estimated together, while a walk of the levels is allowed for, which costs some
     of what noise alone would leave.
