@@ -357,26 +357,38 @@ def change_along_edges(gx: Float32Array, gy: Float32Array, tile: int) -> Float32
     """
     h, w = gx.shape
     out = np.zeros((h // tile, w // tile), np.float32)
-    values = np.empty(((tile + NOISE_STEP - 1) // NOISE_STEP) ** 2, np.float32)
+    samples = ((tile + NOISE_STEP - 1) // NOISE_STEP) ** 2
+    # The largest of a tile, from the quantile on, in ascending order.
+    largest = np.empty(samples - int(NOISE_RANK * samples), np.float32)
     for row in range(out.shape[0]):
         for column in range(out.shape[1]):
-            n = 0
+            largest[:] = 0.0
             for y in range(row * tile, (row + 1) * tile, NOISE_STEP):
                 for x in range(column * tile, (column + 1) * tile, NOISE_STEP):
-                    a, b = gx[y, x], gy[y, x]
-                    norm = np.sqrt(a * a + b * b)
-                    values[n] = 0.0
-                    if norm > 0.0:
-                        u, v = x - int(np.rint(ALONG_EDGE * b / norm)), y + int(np.rint(ALONG_EDGE * a / norm))
-                        u, v = min(max(u, 0), w - 1), min(max(v, 0), h - 1)
-                        c, d = gx[v, u], gy[v, u]
-                        both = np.sqrt((a + c) ** 2 + (b + d) ** 2)
-                        if both > 0.0:
-                            values[n] = np.sqrt(2.0) * abs(a * d - b * c) / both
-                    n += 1
-            rank = int(NOISE_RANK * n)
-            out[row, column] = np.partition(values[:n], rank)[rank]
+                    value = _change_along_edge(gx, gy, x, y)
+                    if value > largest[0]:
+                        k = 1
+                        while k < len(largest) and value > largest[k]:
+                            largest[k - 1] = largest[k]
+                            k += 1
+                        largest[k - 1] = value
+            out[row, column] = largest[0]
     return out
+
+
+@njit
+def _change_along_edge(gx: Float32Array, gy: Float32Array, x: int, y: int) -> np.float32:
+    """See :func:`change_along_edges`, of one pixel; 0 where there is no gradient."""
+    h, w = gx.shape
+    a, b = gx[y, x], gy[y, x]
+    norm = np.sqrt(a * a + b * b)
+    if not norm > 0.0:
+        return np.float32(0.0)
+    u, v = x - int(np.rint(ALONG_EDGE * b / norm)), y + int(np.rint(ALONG_EDGE * a / norm))
+    u, v = min(max(u, 0), w - 1), min(max(v, 0), h - 1)
+    c, d = gx[v, u], gy[v, u]
+    both = np.sqrt((a + c) ** 2 + (b + d) ** 2)
+    return np.float32(np.sqrt(2.0) * abs(a * d - b * c) / both if both > 0.0 else 0.0)
 
 
 @njit(nogil=True)
