@@ -19,7 +19,7 @@ from .settings import CONTRAST, FARTHEST_STEP, FIT_TURNS, FLANK, LAST_FIT_GAIN, 
 ONE = np.uint64(1)
 # The fourth cumulant of what is spread evenly over one.
 EVEN_CUMULANT = -1.0 / 120.0
-# Numbers of a fitted step, see fit_steps.
+# Numbers of a fitted step, see fit_profiles.
 FITTED = 8
 # One, in whole numbers with 32 binary digits after the point.
 FIXED = 4294967296.0
@@ -377,8 +377,8 @@ def fit_profiles(
         size = steps + (outline.limb[n] != 0.0) + 1
         mixed = math.sqrt(levels_seen[2].mean() / UNIFORM_VARIANCE)
         # Fourth cumulants of a pixel, a square seen at a slant, and of places spread evenly.
-        across, along = outline.normal[n, 0], outline.normal[n, 1]
-        square = (across**4 + along**4) * EVEN_CUMULANT
+        normal_u, normal_v = outline.normal[n]
+        square = (normal_u**4 + normal_v**4) * EVEN_CUMULANT
         for k in range(2 * r + 1):
             spread = EVEN_CUMULANT * (seen[2, k] / UNIFORM_VARIANCE) ** 2
             narrow = 1.0 / math.sqrt(blur * blur + seen[2, k])
@@ -389,7 +389,7 @@ def fit_profiles(
         light = tone * mean ** (1.0 - 1.0 / tone)
         variance = (noise * light) ** 2 / pixels
         # From one level to the next, less what a mean of pixels at places so far apart leaves of it.
-        wander = (walk * light) ** 2 * (max(abs(across), abs(along)) - mixed / 3.0)
+        wander = (walk * light) ** 2 * (max(abs(normal_u), abs(normal_v)) - mixed / 3.0)
         if outline.limb[n] != 0.0:
             # Shade beside a limb is that of the surface, the same all along.
             wander *= outline.together[n]
@@ -446,10 +446,11 @@ def _converged(seen: FloatArray, beside: FloatArray, how: _Fit, x: FloatArray, l
         longest = LONGEST_FIT_STEP if turn or x[1] != 0.0 else 0.0
         gain = 0.0
         for i in range(how.size):
+            # Before it is cut short: a long step is not the last one, whatever is left of it.
+            gain += gradient[i] * sums.right[i]
             if i < how.steps and i % 2 == 0:
                 sums.right[i] = min(max(sums.right[i], -longest), longest)
             x[i] += sums.right[i]
-            gain += gradient[i] * sums.right[i]
         if longest > 0.0 and gain < LAST_FIT_GAIN:
             # So short a step is that of a linear problem.
             squares -= gain

@@ -364,11 +364,10 @@ def _open_axis(index: ModelIndex, hypothesis: Interpretation) -> Axis | None:
     rows = _matched_rows(index, hypothesis)
     if len(rows) < 3:
         return common_axis(rows, index.size)
-    # All but the first are about an axis, or all but one about that of the first.
-    but_first = common_axis(rows[1:], index.size)
     about = about_axis(rows, Axis(rows[0, :3], rows[0, 3:6]), index.size)
-    others = common_axis(rows[about], index.size) if about.sum() >= len(rows) - 1 else None
-    return others if about.all() or but_first is None else but_first
+    but_first = None if about.all() else common_axis(rows[1:], index.size)
+    # If it is not the first that is about none, the axis is that of the first.
+    return common_axis(rows[about], index.size) if but_first is None and about.sum() >= len(rows) - 1 else but_first
 
 
 def _free_axis(index: ModelIndex, hypothesis: Interpretation) -> Axis | None:
