@@ -29,7 +29,16 @@ from model_matcher.image_pose.profiles import (
     fit_steps,
     profiles_of,
 )
-from model_matcher.image_pose.settings import BESIDE, CANDIDATES, FIRST_SLOPE, FIRST_WALK, FLANK, LEAST_SLOPE, WALKS
+from model_matcher.image_pose.settings import (
+    BESIDE,
+    CANDIDATES,
+    FARTHEST_STEP,
+    FIRST_SLOPE,
+    FIRST_WALK,
+    FLANK,
+    LEAST_SLOPE,
+    WALKS,
+)
 from model_matcher.image_pose.shade import settle_slopes
 from model_matcher.image_pose.sight import look, same_curves
 from model_matcher.image_pose.views import Views
@@ -38,6 +47,7 @@ from model_matcher.model.problem import make_problem
 from model_matcher.verification.image_evidence import accepted_by_images, weigh
 from msgs_py import BIN, Interpretation, PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.deadline import Deadline
+from msgs_py.numeric.robust import NORMAL_QUARTILE
 from stereo_recovery import recover
 
 CAMERA = PinholeCamera.centred(512, 512, 700.0)
@@ -310,6 +320,22 @@ def test_an_outline_that_is_nothing_off_is_found_to_be_so_at_once():
     variance = np.full(len(group), 0.05**2)
     error = fitted_model_error(placed, residual, 1.0 / variance, variance, np.eye(6), FIRST_ERROR)
     assert max(error.curve, error.view) < 2e-3  # a line is known to 0.05 / sqrt(30) = 9e-3
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.floats(-12.0, 4.0))
+def test_no_curve_is_farther_off_than_steps_are_looked_for(seed, points, known):
+    """However few its points are and however little of the pose is known: 10^known is all that is."""
+    rng = np.random.default_rng(seed)
+    group = np.repeat(np.arange(6), points).astype(np.int32)
+    n = len(group)
+    abscissa, slope = rng.uniform(-1.0, 1.0, n), rng.normal(scale=100.0, size=(n, 6))
+    none = np.zeros((n, 2))
+    placed = Placed(np.zeros((n, 3)), group // 3, none, none, group, group % np.int32(3), abscissa, slope)
+    residual = rng.uniform(-FARTHEST_STEP, FARTHEST_STEP, n)
+    variance = np.full(n, 0.05**2)
+    error = fitted_model_error(placed, residual, 1.0 / variance, variance, 10.0**known * np.eye(6), FIRST_ERROR)
+    assert 0.0 <= min(error) <= max(error.curve, error.view) < FARTHEST_STEP + 1e-9
+    assert error.point <= FARTHEST_STEP / NORMAL_QUARTILE
 
 
 @pytest.mark.parametrize('noise', [0.7, 2.0, 5.0])

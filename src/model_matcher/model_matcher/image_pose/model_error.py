@@ -19,7 +19,16 @@ from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..geometry.settings import NOT_ZERO, ROUNDING
 from .alignment import Placed, Prior, Steps, add_to_line, align, inverse_of_line
-from .settings import FEWEST_POINTS, FIRST_ERROR_PX, LONGEST_JUMP, POINT_TURNS, SETTLED, SIGMA_TURNS, TO_POSE
+from .settings import (
+    FARTHEST_STEP,
+    FEWEST_POINTS,
+    FIRST_ERROR_PX,
+    LONGEST_JUMP,
+    POINT_TURNS,
+    SETTLED,
+    SIGMA_TURNS,
+    TO_POSE,
+)
 
 
 class ModelError(NamedTuple):
@@ -90,7 +99,7 @@ def settled(
         align(motion, middle, cameras, placed, own, widths, density, (curve, view), prior, residual, weight, normal)
         if (weight > 0.0).sum() < FEWEST_POINTS:
             break
-        error = fitted_model_error(placed, residual, weight, steps.variance, normal, error)
+        error = fitted_model_error(placed, residual, weight, steps.variance, normal + prior.information, error)
         change, size = 0.0, 0.0
         for one, other in zip(error, (curve, view, point)):
             change += abs(one - other)
@@ -136,7 +145,8 @@ def fitted_model_error(
     variance : (n,) float64
         Square pixels, what noise makes of it.
     normal : (6, 6) float64
-        Information that fixed the pose: what the pose has taken of the lines is not known to be none.
+        Information on the pose, also what was known beforehand: what the pose has taken of the lines is not known to be
+        none.
     before : ModelError
         The estimate so far.
 
@@ -247,7 +257,8 @@ def _ahead(before: float, one: float, two: float) -> float:
     first, second = math.log((one + NOT_ZERO) / before), math.log((two + NOT_ZERO) / (one + NOT_ZERO))
     bend = abs(second - first)
     length = 1.0 if bend <= 0.0 else min(max(abs(first) / bend, 1.0), LONGEST_JUMP)
-    return before * math.exp(2.0 * length * first + length**2 * (second - first)) + NOT_ZERO
+    farthest = math.log(FARTHEST_STEP / before)
+    return before * math.exp(min(2.0 * length * first + length**2 * (second - first), farthest)) + NOT_ZERO
 
 
 class _Lines(NamedTuple):
@@ -271,7 +282,7 @@ class _Lines(NamedTuple):
 
 @njit(nogil=True)
 def _expected(sums: FloatArray, of_curve: IntArray, curve: float, view: float, lines: _Lines) -> tuple[float, float]:
-    """Fill in the lines; the sigmas that are next.
+    """Fill in the lines; the sigmas that are next, none more than that of steps that are fitted at all.
 
     sums : (g, 2, 9), see :func:`_sigmas`; of_curve : (g,); curve, view : sigmas before
     """
@@ -302,7 +313,7 @@ def _expected(sums: FloatArray, of_curve: IntArray, curve: float, view: float, l
                 turned[c, i, j] = by_pose
                 squares += by_pose * by_pose
         curves += 1
-    common = math.sqrt(squares / max(2 * curves, 1))
+    common = min(math.sqrt(squares / max(2 * curves, 1)), FARTHEST_STEP)
     squares, views = 0.0, 0
     for g in range(len(sums)):
         c = of_curve[g]
@@ -326,4 +337,4 @@ def _expected(sums: FloatArray, of_curve: IntArray, curve: float, view: float, l
                 by_pose += first * turned[c, 0, j] + second * turned[c, 1, j]
                 squares += by_pose * by_pose
         views += 1
-    return common, math.sqrt(squares / max(2 * views, 1))
+    return common, min(math.sqrt(squares / max(2 * views, 1)), FARTHEST_STEP)
