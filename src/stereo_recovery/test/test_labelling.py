@@ -67,6 +67,13 @@ def test_an_edge_may_recede_steeply_but_hardly_turn_around(slope, found):
     assert bool(len(node)) == found
 
 
+def test_an_edge_along_a_row_is_not_told_by_rows_however_little_its_direction_is_off_it():
+    """Ends of which both are in one row, and a direction that a fit leaves at 1e-29 off."""
+    level = table(((100.0, 48.5), (120.0, 48.5)))._replace(direction=np.array([[1.0, 1e-29]]))
+    found = candidates(level, level)
+    assert len(found.node) and np.isfinite(found.value).all()
+
+
 def test_disparity_is_told_at_start_middle_end_and_where_the_common_rows_begin_and_end():
     left = table(((100.0, 10.0), (120.0, 50.0)))
     right = table(((60.0, 10.0), (60.0, 30.0)))

@@ -284,8 +284,9 @@ def candidates(
                 continue
             shorter = min(bottom - top, abs(q[1, 1] - q[0, 1]))
             common = last_row - first_row
-            # A level pair that slopes alike is one by its rows, too, wherever its ends are.
-            by_rows = (not level or tv * rv > 0.0) and common >= min(SAME_ROW, 0.5 * shorter)
+            # A level pair that slopes alike is one by its rows, too, wherever its ends are. One end of a short segment
+            # may be in the row of the other, however it slopes.
+            by_rows = shorter > 0.0 and (not level or tv * rv > 0.0) and common >= min(SAME_ROW, 0.5 * shorter)
             for choice in range(0 if level else BY_ROWS, BY_ROWS + by_rows):
                 if choice < BY_ROWS:
                     ratio = _level_pair(p, q, choice, disparity)
