@@ -252,7 +252,7 @@ def _beyond(residual: FloatArray, noise: FloatArray) -> float:
 def _ahead(before: float, one: float, two: float) -> float:
     """Where two steps from a sigma lead to, of which each is a share of the one before (Varadhan and Roland 2008).
 
-    Steps of expectation-maximisation creep where a sigma is less than the noise.
+    Steps of expectation-maximisation creep where a sigma is less than the noise. These leaps end where those steps do.
     """
     first, second = math.log((one + NOT_ZERO) / before), math.log((two + NOT_ZERO) / (one + NOT_ZERO))
     bend = abs(second - first)
@@ -313,7 +313,7 @@ def _expected(sums: FloatArray, of_curve: IntArray, curve: float, view: float, l
                 turned[c, i, j] = by_pose
                 squares += by_pose * by_pose
         curves += 1
-    common = min(math.sqrt(squares / max(2 * curves, 1)), FARTHEST_STEP)
+    common = math.sqrt(squares / max(2 * curves, 1))
     squares, views = 0.0, 0
     for g in range(len(sums)):
         c = of_curve[g]
@@ -337,4 +337,4 @@ def _expected(sums: FloatArray, of_curve: IntArray, curve: float, view: float, l
                 by_pose += first * turned[c, 0, j] + second * turned[c, 1, j]
                 squares += by_pose * by_pose
         views += 1
-    return common, min(math.sqrt(squares / max(2 * views, 1)), FARTHEST_STEP)
+    return min(common, FARTHEST_STEP), min(math.sqrt(squares / max(2 * views, 1)), FARTHEST_STEP)
