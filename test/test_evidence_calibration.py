@@ -13,15 +13,15 @@ import calibrate_evidence
 import evidence_of_features
 import reliability
 from evidence_of_features import Searched
-from evidence_of_images import IN_USE, NAMES, Best, _scale, _share, _surface_shares, fitted
+from evidence_of_images import BETA_BOUNDS, IN_USE, NAMES, Best, _ends, _scale, _share, _surface_shares, fitted
 from reliability import RATES, Stated
 
 RIGHT_FACES = [(18, 20), (15, 20)]
 
 
-def search(pair: int, right: bool, nats: float, faces=(), curves=()) -> Best:
+def search(pair: int, right: bool, nats: float, faces=(), curves=(), ends=(0.0, 0.0)) -> Best:
     """A search that features tell about, and the outline half as much."""
-    return Best('real', f'pair{pair}', 'part', right, nats, 0.5 * nats, list(faces), True, list(curves))
+    return Best('real', f'pair{pair}', 'part', right, nats, 0.5 * nats, list(faces), True, list(curves), ends)
 
 
 def many(count: int = 400) -> list[Best]:
@@ -45,6 +45,20 @@ def test_a_share_is_that_of_the_curves_which_are_more_likely_on_edges():
     found = [search(0, False, 1.0, curves=clear), search(0, True, 1.0, curves=[(False, 0.0, -50.0)] * 90)]
     assert _share(found, False) == pytest.approx(0.3, abs=1e-3), 'those of right ones do not count'
     assert _share(found, True) == pytest.approx(0.9, abs=1e-3), 'as much as may be'
+
+
+def test_the_share_of_ends_past_which_edges_go_on_is_given_back():
+    rng = np.random.default_rng(4)
+    share = rng.beta(0.5, 4.0, 4000)
+    right = [search(k, True, 9.0, ends=(float(rng.binomial(12, one)), 12.0)) for k, one in enumerate(share)]
+    np.testing.assert_allclose(_ends(right, True), [0.5, 4.0], rtol=0.15)
+    assert np.isnan(_ends(right, False)).all() and np.isnan(_ends([search(0, True, 9.0)], True)).all()
+    # Of absent parts the best count, with the most evidence.
+    absent = [search(k, False, float(k), ends=(8.0 * (k >= 90), 8.0)) for k in range(100)]
+    a, b = _ends(absent, False)
+    assert a > 20.0 * b
+    # A share that is the same for all is told as nearly so.
+    assert max(_ends([search(k, True, 9.0, ends=(1.0, 4.0)) for k in range(9)], True)) <= 1.01 * np.exp(BETA_BOUNDS[1])
 
 
 def test_what_no_search_tells_is_not_a_number():

@@ -8,8 +8,7 @@ ones, for every kind of scene: as a table, as a picture, with the shares of obje
 (reliability.py). Searches for what is absent in which nothing was thought of count: their chance is 1.
 
 Written are FALSE_ALARMS, VIEW, NEIGHBOURS and IMAGE_EVIDENCE (model_matcher/verification/settings.py), OTHERS_EDGES,
-SURFACE_OF_OWN and SURFACE_OF_OTHERS, REVERSALS_OF_OWN and REVERSALS_OF_OTHERS, and REVERSING
-(model_matcher/image_pose/settings.py).
+SURFACE_OF_OWN and SURFACE_OF_OTHERS, and ENDS_OF_OWN and ENDS_OF_OTHERS (model_matcher/image_pose/settings.py).
 
     python test/benchmarks/calibrate_evidence.py --seeds 60 --draw out/evidence
 """

@@ -23,22 +23,20 @@ from bench_poses import recovered
 from pose_scoring import WRONG_DEG, WRONG_M
 from reliability import Stated
 from scipy.optimize import minimize, minimize_scalar
-from scipy.special import betaln, expit
+from scipy.special import betaln
 from true_pairs import data_folder, load_pair
 from true_poses import ALIKE, Part, PosedPair, difference, parts_of, posed_names, posed_pair
 
 from model_matcher import MatchParams
 from model_matcher.geometry.pose_rows import as_pose
-from model_matcher.image_pose.measurement import Presence, searched
-from model_matcher.image_pose.presence import bent, chance_beside, over_views, polarities, reversals
+from model_matcher.image_pose.measurement import Presence, ends_seen, searched
+from model_matcher.image_pose.presence import bent, chance_beside, over_views
 from model_matcher.image_pose.settings import (
-    HIDDEN,
+    ENDS_OF_OTHERS,
+    ENDS_OF_OWN,
     OTHERS_EDGES,
     OTHERS_FACES,
     REACH,
-    REVERSALS_OF_OTHERS,
-    REVERSALS_OF_OWN,
-    REVERSING,
     SURFACE_OF_OTHERS,
     SURFACE_OF_OWN,
 )
@@ -70,24 +68,15 @@ NAMES = (
     'own surface, b',
     "others' surface, a",
     "others' surface, b",
-    'own reversals, a',
-    'own reversals, b',
-    "others' reversals, a",
-    "others' reversals, b",
-    'own, reversing',
-    "others', reversing",
+    'own ends, a',
+    'own ends, b',
+    "others' ends, a",
+    "others' ends, b",
 )
-IN_USE = np.array(
-    [
-        *IMAGE_EVIDENCE,
-        *OTHERS_EDGES,
-        *SURFACE_OF_OWN,
-        *SURFACE_OF_OTHERS,
-        *REVERSALS_OF_OWN,
-        *REVERSALS_OF_OTHERS,
-        *REVERSING,
-    ]
-)
+IN_USE = np.array([*IMAGE_EVIDENCE, *OTHERS_EDGES, *SURFACE_OF_OWN, *SURFACE_OF_OTHERS, *ENDS_OF_OWN, *ENDS_OF_OTHERS])
+# Logarithms of the numbers of a beta distribution between which the likeliest is looked for: some hundred outlines do
+# not tell a share that is the same for all from one that hardly differs.
+BETA_BOUNDS = (-5.0, 5.0)
 
 
 @dataclass(frozen=True)
@@ -95,8 +84,8 @@ class Best:
     """The best hypothesis of one search that is right, or the best of one for a part that is absent.
 
     right : whether the part is there; features, outline : nats; faces : patches of each that agree, and that could;
-    train : whether its pair is one to fit to; curves : of each curve of its outline, whether it is bent, and what is
-    confirmed of it, see over_views and reversals
+    train : whether its pair is one to fit to; curves : of each curve of its outline, whether it is bent, and the
+    likelihoods of over_views; ends : past which an edge goes on, and all, see ends_seen
     """
 
     family: str
@@ -107,7 +96,8 @@ class Best:
     outline: float
     faces: list[tuple[int, int]]
     train: bool
-    curves: list[tuple[bool, float, float, float, float]]
+    curves: list[tuple[bool, float, float]]
+    ends: tuple[float, float]
 
     @property
     def kind(self) -> str:
@@ -199,11 +189,12 @@ def _best(posed: PosedPair, part: Part, features: FeatureSet, views: Views, trai
         ]
     about = posed.pair.family, posed.pair.name, part.name, bool(instances)
     if not looked:
-        return Best(*about, NONE, 0.0, [], train, [])
+        return Best(*about, NONE, 0.0, [], train, [], (0.0, 0.0))
     best = max(looked, key=lambda one: one.evidence)
     nats = float(best.hypothesis.evidence), float(best.shown.log_ratio)
     faces = [(face.agree, face.looked) for face in best.surface or ()]
-    return Best(*about, *nats, faces, train, _curves(best.shown, views))
+    ends = ends_seen(best.shown.sight, best.shown.found, views)
+    return Best(*about, *nats, faces, train, _curves(best.shown, views), ends)
 
 
 def _with_surface(one: image_evidence.Weighed, part: Part, views: Views) -> image_evidence.Weighed:
@@ -212,18 +203,14 @@ def _with_surface(one: image_evidence.Weighed, part: Part, views: Views) -> imag
     return replace(one, surface=agreement(shape, as_pose(one.motion), one.shown.sight, views))
 
 
-def _curves(shown_there: Presence, views: Views) -> list[tuple[bool, float, float, float, float]]:
+def _curves(shown_there: Presence, views: Views) -> list[tuple[bool, float, float]]:
     """See :class:`Best`."""
     sight = shown_there.sight
     placed = sight.placed
-    curve = placed.curve
-    steps = searched(sight, views, REACH + 1)
-    chance = chance_beside(steps, placed.group, OTHERS_EDGES)
-    edge, apart = over_views(shown_there.found, placed.group, curve, chance)
-    after, turned = reversals(shown_there.found, polarities(steps), placed.group, curve)
-    every = np.column_stack([edge, apart, after, turned])
-    is_bent = bent(placed.point, curve, sight.limb)
-    return [(bool(is_bent[c]), *every[c].tolist()) for c in np.unique(curve)]
+    chance = chance_beside(searched(sight, views, REACH + 1), placed.group, OTHERS_EDGES)
+    edge, apart = over_views(shown_there.found, placed.group, placed.curve, chance)
+    is_bent = bent(placed.point, placed.curve, sight.limb)
+    return [(bool(is_bent[c]), float(edge[c]), float(apart[c])) for c in np.unique(placed.curve)]
 
 
 # -- the fit ---------------------------------------------------------------------------------------------------
@@ -236,13 +223,12 @@ def _columns(found: list[Best]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def fitted(every: Sequence[Best]) -> np.ndarray:
-    """(15,): the numbers of NAMES; NaN of those that nothing tells, as of curves where none of that kind was seen."""
+    """(13,): the numbers of NAMES; NaN of those that nothing tells, as of curves where none of that kind was seen."""
     # Of a right pose that was not thought of nothing is known; of an absent part it is what mostly happens.
     found = [one for one in every if one.absent or one.features > NONE]
     nats, right = _columns(found)
     shares = [_share(found, False), _share(found, True)]
-    shares = [*shares, *_surface_shares(found), *_reversals(found)]
-    shares += [_reversing(found, True), _reversing(found, False)]
+    shares = [*shares, *_surface_shares(found), *_ends(found, True), *_ends(found, False)]
     if right.all() or not right.any():
         return np.array([*np.full(3, np.nan), *shares])
 
@@ -296,78 +282,39 @@ def _surface_shares(found: list[Best]) -> np.ndarray:
         faces = np.array([face for one in found if one.right == right for face in one.faces]).reshape(-1, 2)
         if len(faces) == 0 or (own is not None and np.isnan(own).any()):
             return np.full(2, np.nan)
-        agree, looked = faces.T
 
-        def likely(share: np.ndarray) -> np.ndarray:
-            return betaln(agree + share[0], looked - agree + share[1]) - betaln(*share)
+        def likely(shape: np.ndarray) -> np.ndarray:
+            here = _beta_binomial(faces, shape)
+            if own is None:
+                return here
+            return np.logaddexp(np.log1p(-OTHERS_FACES) + here, np.log(OTHERS_FACES) + _beta_binomial(faces, own))
 
-        def cost(logarithms: np.ndarray) -> float:
-            here = likely(np.exp(logarithms))
-            if own is not None:
-                here = np.logaddexp(np.log1p(-OTHERS_FACES) + here, np.log(OTHERS_FACES) + likely(own))
-            return -float(here.sum())
-
-        return np.exp(minimize(cost, np.zeros(2), method='Nelder-Mead').x)
+        return _likeliest_beta(likely)
 
     own = fit(True, None)
     return np.concatenate([own, fit(False, own)])
 
 
-def _reversals(found: list[Best]) -> np.ndarray:
-    """(4,): of the most likely beta distributions of the share of reversals along edges: steady ones', and others'.
-
-    Right poses tell the first, though some parts are printed; an unknown share of the others is as steady as those.
-    """
-    own = _way(found, True, None)
-    return np.concatenate([own, _way(found, False, own)])
-
-
-def _way(found: list[Best], right: bool, steady: np.ndarray | None) -> np.ndarray:
-    """(2,): the beta distribution of what is right or is not, of which a share is distributed as ``steady``."""
-    each = [_along_edges(one) for one in found if one.right == right and one.curves]
-    if not each or (steady is not None and np.isnan(steady).any()):
-        return np.full(2, np.nan)
-
-    def cost(unknown: np.ndarray) -> float:
-        likely = _of_outlines(each, np.exp(unknown[:2]))
-        if steady is not None:
-            share = expit(unknown[2])
-            likely = np.logaddexp(np.log(share) + _of_outlines(each, steady), np.log1p(-share) + likely)
-        return -float(likely.sum())
-
-    start = np.array([-1.0, 1.0, -1.0])[: 2 if steady is None else 3]
-    return np.exp(minimize(cost, start, method='Nelder-Mead').x[:2])
-
-
-def _of_outlines(each: list[np.ndarray], shape: np.ndarray) -> np.ndarray:
-    """Log-likelihood of the reversals of outlines (see :func:`_along_edges`) whose share has a beta distribution."""
-    a, b = shape
-    return np.array([there @ (betaln(a + turned, b + after - turned) - betaln(a, b)) for there, after, turned in each])
-
-
-def _along_edges(best: Best) -> np.ndarray:
-    """(3, n): of its curves the chance that an edge lies along each, its confirmed points that follow another, and how
-    many of these are reversed."""
-    is_bent, edge, apart, after, turned = np.array(best.curves).T
-    share = 1.0 - np.mean(HIDDEN) if best.right else np.where(is_bent > 0.0, OTHERS_EDGES[1], OTHERS_EDGES[0])
-    return np.stack([expit(np.log(share / (1.0 - share)) + edge - apart), after, turned])
-
-
-def _reversing(found: list[Best], right: bool) -> float:
-    """Share of the outlines whose edges reverse as others' do: of right ones, or of the best of absent parts.
-
-    What is taken for a part has edges that are steadier than most; only these can be answered.
-    """
+def _ends(found: list[Best], right: bool) -> np.ndarray:
+    """(2,): of the most likely beta distribution of the share of ends past which an edge goes on: the object's own, or
+    of the best of absent parts; only these can be answered."""
     some = [one for one in found if one.right == right]
     if some and not right:
         evidence = _columns(some)[0] @ IN_USE[:3]
         some = [one for one, nats in zip(some, evidence) if nats >= np.quantile(evidence, TAIL_FROM)]
-    each = [_along_edges(one) for one in some if one.curves]
-    if not each:
-        return np.nan
-    steady, reversing = (_of_outlines(each, np.array(shape)) for shape in (REVERSALS_OF_OWN, REVERSALS_OF_OTHERS))
+    ends = np.array([one.ends for one in some if one.ends[1] > 0.0]).reshape(-1, 2)
+    return _likeliest_beta(lambda shape: _beta_binomial(ends, shape)) if len(ends) else np.full(2, np.nan)
 
-    def cost(share: float) -> float:
-        return -float(np.logaddexp(np.log1p(-share) + steady, np.log(share) + reversing).sum())
 
-    return float(minimize_scalar(cost, bounds=(1e-3, 0.999), method='bounded').x)
+def _beta_binomial(counts: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """(n,): log-likelihoods of how many (n, 2) of how many, of a share that has a beta distribution."""
+    some, every = counts.T
+    return np.asarray(betaln(some + shape[0], every - some + shape[1]) - betaln(*shape))
+
+
+def _likeliest_beta(likely: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """(2,): the beta distribution with the greatest sum of log-likelihoods."""
+    fit = minimize(
+        lambda x: -float(likely(np.exp(x)).sum()), np.zeros(2), method='Nelder-Mead', bounds=[BETA_BOUNDS] * 2
+    )
+    return np.asarray(np.exp(fit.x))

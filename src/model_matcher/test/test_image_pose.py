@@ -19,7 +19,7 @@ from model_matcher.image_pose.alignment import Placed
 from model_matcher.image_pose.image_quality import look_of
 from model_matcher.image_pose.measurement import drawn_in, measure_pose, polished, presence
 from model_matcher.image_pose.model_error import FIRST_ERROR, fitted_model_error
-from model_matcher.image_pose.presence import Chance, behind_screens, bent, log_ratio, reversals, steadiness
+from model_matcher.image_pose.presence import Chance, behind_screens, bent, log_ratio
 from model_matcher.image_pose.profiles import (
     FITTED,
     Quality,
@@ -410,26 +410,6 @@ def test_an_edge_in_space_is_one_coincidence_in_however_many_images():
     assert log_ratio((group < 9).astype(np.int8), group, group % 9, straight[:9], chance) < 0.0
     # And another circle at the place of a circle is rare.
     assert log_ratio(found, group, group % 9, ~straight[:9], chance) > 1.3 * twice
-
-
-def test_steps_that_change_their_way_along_an_edge_speak_against_the_outline():
-    chance = Chance(0.2, 0.4, 0.25, 0.1, (0.2, 0.05))
-    group = np.repeat(np.arange(8), 20).astype(np.int32)
-    found, straight = np.ones(len(group), np.int8), np.zeros(4, bool)
-
-    def of(polarity):
-        return steadiness(found, polarity.astype(np.int8), group, group % 4, straight, chance)
-
-    steady = np.where(group % 2, 1, -1)
-    board = np.where(np.arange(len(group)) // 5 % 2, 1, -1)
-    assert of(board) < -0.9 < 0.0 < of(steady)
-    # Which way is which does not matter; and much of either is not without end.
-    assert of(-board) == pytest.approx(of(board))
-    assert abs(of(board)) < math.log(10.0) and abs(of(steady)) < math.log(10.0)
-    after, turned = reversals(found, board.astype(np.int8), group, group % 4)
-    assert after.tolist() == [38.0] * 4 and turned.tolist() == [6.0] * 4
-    # What is not confirmed has no way.
-    assert steadiness(0 * found, board.astype(np.int8), group, group % 4, straight, chance) == pytest.approx(0.0)
 
 
 def parallels(curves=12, points=20, views=2):

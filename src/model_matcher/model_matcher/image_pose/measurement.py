@@ -25,10 +25,12 @@ from ..geometry.least_squares import covariances
 from ..geometry.pose_rows import as_motion, as_pose
 from ..geometry.settings import NOT_ZERO
 from .alignment import Prior, Steps, align, moved_by
+from .ends import gone_on, past_ends
+from .ends import log_ratio as of_ends
 from .image_quality import look_of
 from .model_error import FIRST_ERROR, NO_ERROR, ModelError, settled
 from .neighbours import may_hide, neighbours
-from .presence import shown_outline
+from .presence import confirmations, shown_outline
 from .profiles import FITTED, Quality, Stretches, find_steps, fit_steps
 from .settings import (
     CANDIDATES,
@@ -277,13 +279,23 @@ def shown(
 ) -> tuple[Presence, Steps]:
     """Whether images show an outline where it is drawn, and the steps about it; see :func:`presence`.
 
-    in_space, screened : see :func:`.presence.shown_outline`; steps : those along the normals, where they are known
+    in_space : see :func:`.presence.shown_outline`; steps : those along the normals, where they are known
+    screened : something straight may stand in front, and what is seen may be longer; else the outline was seen before
     """
     steps = searched(sight, views, REACH + 1) if steps is None else steps
     if not len(sight):
         return Presence(-np.inf, 0.0, sight, np.zeros(0, np.int8)), steps
     ratio, support, found = shown_outline(sight.placed, sight.spacing, sight.limb, steps, in_space, screened)
+    if screened:
+        ratio += of_ends(*ends_seen(sight, found, views))
     return Presence(ratio, support, sight, found), steps
+
+
+def ends_seen(sight: Sight, found: Int8Array, views: Views) -> tuple[float, float]:
+    """Ends of an outline past which an edge goes on, and all of which that is known; see :func:`.ends.gone_on`."""
+    past = past_ends(sight, found)
+    steps = searched(past, views, REACH + 1)
+    return gone_on(confirmations(steps.offset, steps.number, 0.0), len(views))
 
 
 def searched(sight: Sight, views: Views, reach: int) -> Steps:

@@ -30,9 +30,6 @@ from .settings import (
     PRIOR_ALIGNED,
     PRIOR_CHANCES,
     REVEALED,
-    REVERSALS_OF_OTHERS,
-    REVERSALS_OF_OWN,
-    REVERSING,
     SCREEN_DIRECTIONS,
     SEEN_STEP,
     STOPS,
@@ -73,19 +70,6 @@ def confirmations(offset: FloatArray, count: Int32Array, at: float) -> Int8Array
         for j in range(count[k]):
             if abs(offset[k, j] - at) <= ON_EDGE:
                 out[k] = 1
-    return out
-
-
-@njit(nogil=True)
-def polarities(steps: Steps) -> Int8Array:
-    """Which way the strongest step within ON_EDGE pixels of each point goes along the normal, (n,): 1, -1, 0: none."""
-    out = np.zeros(len(steps.number), np.int8)
-    for k in range(len(out)):
-        strongest = 0.0
-        for j in range(steps.number[k]):
-            if abs(steps.offset[k, j]) <= ON_EDGE and abs(steps.rise[k, j]) > abs(strongest):
-                strongest = steps.rise[k, j]
-        out[k] = np.sign(strongest)
     return out
 
 
@@ -320,59 +304,6 @@ def _in_view(found: Int8Array, chance: Chance) -> tuple[float, float]:
 
 
 @njit(nogil=True)
-def reversals(
-    found: Int8Array, polarity: Int8Array, group: Int32Array, curve: Int32Array
-) -> tuple[FloatArray, FloatArray]:
-    """Confirmed points that follow another on each curve, (c,), and how many of their steps are the other way round."""
-    most = curve.max() + 1 if len(curve) else 0
-    after, turned = np.zeros(most), np.zeros(most)
-    before = np.int8(0)
-    for k in range(len(found)):
-        if k == 0 or group[k] != group[k - 1]:
-            before = np.int8(0)
-        if found[k] == 1 and polarity[k] != 0:
-            after[curve[k]] += before != 0
-            turned[curve[k]] += before == -polarity[k]
-            before = polarity[k]
-    return after, turned
-
-
-@njit(nogil=True)
-def steadiness(
-    found: Int8Array, polarity: Int8Array, group: Int32Array, curve: Int32Array, is_bent: BoolArray, chance: Chance
-) -> float:
-    """Log-likelihood ratio of the ways that steps go: along the object's own edges, against others'.
-
-    What one side of an edge of a part shows is of one shade mostly; squares of a board, print and texture change theirs
-    along a line. But some parts are printed, and some of others' edges are those of another part: REVERSING.
-
-    Parameters
-    ----------
-    found, polarity : (n,) int8
-        See :func:`confirmations` and :func:`polarities`.
-    group, curve, is_bent, chance
-        See :func:`log_ratio`.
-
-    Returns
-    -------
-    float
-        Nats, within what REVERSING leaves open.
-    """
-    edge, apart = over_views(found, group, curve, chance)
-    after, turned = reversals(found, polarity, group, curve)
-    ratio, hidden = 0.0, np.array(HIDDEN).mean()
-    for c in range(len(edge)):
-        own = beta_binomial(turned[c], after[c], REVERSALS_OF_OWN)
-        other = beta_binomial(turned[c], after[c], REVERSALS_OF_OTHERS)
-        others = _either(chance.in_space[1 if is_bent[c] else 0], edge[c], apart[c])
-        mixed = _either(1.0 - hidden, edge[c], others)
-        ratio += _either(1.0 - hidden, edge[c] + own - other, others) - mixed
-    own_reverse, others_reverse = REVERSING
-    total: float = _either(1.0 - own_reverse, ratio, 0.0) - _either(1.0 - others_reverse, ratio, 0.0)
-    return total
-
-
-@njit(nogil=True)
 def beta_binomial(k: float, n: float, shape: tuple[float, float]) -> float:
     """Log-likelihood of k of n in an order, of a share that has a beta distribution."""
     a, b = shape
@@ -571,5 +502,4 @@ def shown_outline(
     ratio = log_ratio(found, placed.group, placed.curve, is_bent, chance)
     if screened:
         ratio = _either(0.5, behind_screens(placed, found, is_bent, chance), ratio)
-    ratio += steadiness(found, polarities(steps), placed.group, placed.curve, is_bent, chance)
     return ratio, confirmed / inside if inside > 0.0 else 0.0, found

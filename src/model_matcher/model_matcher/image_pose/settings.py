@@ -95,13 +95,14 @@ REVEALED = 0.1
 # Shares of the straight curves of a pose, and of its others, that lie on edges, in space, of what is not the object:
 # poses are thought of from edges. Of absent parts, by test/benchmarks/calibrate_evidence.py.
 OTHERS_EDGES = (0.23, 0.06)
-# Beta distributions of the share of the confirmed points of a curve whose step is the other way round than that of the
-# one before: of steady edges, and of others; chances that a model's own edges are like the second, and that those of
-# what is not there are. Fitted by test/benchmarks/calibrate_evidence.py. The last is known badly (0.03 to 0.47): 0.6
-# answered six of 600 absent parts in rendered scenes, where nothing is printed and others' edges do not reverse.
-REVERSALS_OF_OWN = (0.34, 11.2)
-REVERSALS_OF_OTHERS = (0.8, 5.8)
-REVERSING = (0.1, 0.3)
+# Pixels past an end of a curve at which an edge goes on: beyond what a corner's blur and TAPS reach, and then as far
+# apart as points of an outline.
+PAST_END = (6.0, 10.0, 14.0)
+# Beta distributions of the share of ends past which an edge goes on: of the object's own curves, and of those that lie
+# on others' edges. Fitted by test/benchmarks/calibrate_evidence.py; of its own less is known than a fit says, because
+# parts that stand in line are rare in those pictures.
+ENDS_OF_OWN = (0.15, 6.0)
+ENDS_OF_OTHERS = (0.25, 2.5)
 # Shares of an outline that may be hidden, equally likely.
 HIDDEN = (0.1, 0.3, 0.5, 0.7)
 # Directions of the edge of what may stand in front.

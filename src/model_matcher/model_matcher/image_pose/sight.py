@@ -70,8 +70,8 @@ class Sight:
     def __len__(self) -> int:
         return len(self.spacing)
 
-    def select(self, index: BoolArray) -> Sight:
-        """Some of the points, (n,) bool."""
+    def select(self, index: BoolArray | Int32Array) -> Sight:
+        """Some of the points, (n,) bool or their numbers."""
         parts = (getattr(self, part.name)[index] for part in fields(self)[1:])
         return Sight(Placed(*(getattr(self.placed, name)[index] for name in Placed._fields)), *parts)
 
