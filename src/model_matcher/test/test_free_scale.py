@@ -78,3 +78,10 @@ def test_the_true_scale_is_among_the_likeliest():
         scene = make_scene(model, 5, clutter=0.5)
         scales = [scale for scale, _ in zip(likely_scales(index_model(model), resized(scene.data, 8.0)), range(10))]
         assert np.abs(np.log(np.array(scales) / 8.0)).min() < 0.05, name
+
+
+@pytest.mark.filterwarnings('error')
+def test_data_at_angles_that_the_model_has_none_of_has_no_scale():
+    """Two circles at an angle, where a box has right ones only."""
+    circles = FeatureSet.from_curves([[0.0, 0.0, 1.0], [0.1, 0.05, 1.2]], [[0.0, 0.0, 1.0], [0.3, 0.0, 1.0]], 0.05)
+    assert list(likely_scales(index_model(box((0.03, 0.05, 0.08))), circles)) == []

@@ -305,6 +305,17 @@ def test_where_an_object_looks_as_it_did_is_found_in_both_views():
     assert np.abs(moved - (there.translation - pose.translation))[:2].max() < 0.03 * shape.size
 
 
+def test_what_has_passed_a_camera_looks_like_nothing_it_was():
+    """Its middle behind a camera, before or now, is at no pixel."""
+    solid, shape = part('l_shape')
+    pose, rig = at(shape, [25, 30, 0]), rig_for(shape)
+    views = Views.of(images(solid, shape, [pose]), rig)
+    sight, behind = look(shape, pose, views), Pose(pose.rotation, -pose.translation)
+    assert patches(sight, behind.apply(shape.centre), views) == (None, None)
+    was = patches(sight, pose.apply(shape.centre), views)
+    assert None not in was and shifted(was, behind, shape.centre, views, 60.0) is None
+
+
 @pytest.mark.parametrize('seconds', [-1.0, float('nan')])
 def test_time_that_does_not_pass_is_refused(seconds):
     _, shape = part('l_shape')

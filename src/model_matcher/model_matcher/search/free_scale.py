@@ -202,6 +202,8 @@ def likely_scales(index: ModelIndex, data: FeatureSet) -> Iterator[float]:
         data_counts = _counts(mine[0][a], mine[2][a], first, data_bins)
         model_counts = _counts(theirs[0][b], np.ones(int(b.sum())), low, model_bins)
         total += np.correlate(data_counts, model_counts, mode='full') / model_counts.sum()
+    if not total.any():
+        return
     # What stands out above its surroundings is more than the plenty of some length.
     background = np.convolve(
         np.pad(total, SCALE_SURROUNDINGS),

@@ -49,8 +49,9 @@ def patches(sight: Sight, middle: FloatArray, views: Views) -> tuple[Patch | Non
     """
     out: list[Patch | None] = []
     for eye, (camera, stand) in enumerate(zip(views.cameras, views.poses)):
-        pixel = sight.placed.pixel[sight.rows(eye)]
-        if not len(pixel):
+        pixel, at = sight.placed.pixel[sight.rows(eye)], stand.inverse().apply(middle)
+        # The middle of what passes a camera by may lie behind it.
+        if not (len(pixel) and at[2] > 0.0):
             out.append(None)
             continue
         low, high = pixel.min(axis=0), pixel.max(axis=0)
@@ -62,7 +63,7 @@ def patches(sight: Sight, middle: FloatArray, views: Views) -> tuple[Patch | Non
             out.append(None)
             continue
         piece = image[first[1] : last[1], first[0] : last[0]].copy()
-        out.append(Patch(piece, first, camera.project(stand.inverse().apply(middle)), level))
+        out.append(Patch(piece, first, camera.project(at), level))
     return tuple(out)
 
 
@@ -88,12 +89,12 @@ def shifted(
     normal, right = np.eye(3) / JUMP_M**2, np.zeros(3)
     told = False
     for eye, (patch, camera, stand) in enumerate(zip(was, views.cameras, views.poses)):
-        if patch is None:
-            continue
         back = stand.inverse()
         at = back.apply(place)
+        if patch is None or not at[2] > 0.0:
+            continue
         moved = _moved(patch, _at_level(views, patch.level).images[eye], camera.project(at), reach_px)
-        if moved is None or not at[2] > 0.0:
+        if moved is None:
             continue
         told = True
         slope = np.array([[camera.fx, 0, -camera.fx * at[0] / at[2]], [0, camera.fy, -camera.fy * at[1] / at[2]]])
