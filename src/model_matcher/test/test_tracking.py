@@ -376,8 +376,7 @@ def test_a_motion_that_was_seen_carries_the_pose_and_its_doubt():
 
 def test_only_near_steps_are_kept():
     offset = np.array([[-5.0, 1.0, 3.0], [2.0, np.nan, np.nan], [np.nan] * 3])
-    steps = Steps(offset, np.array([3, 1, -1], np.int32), np.zeros(3), 10.0 * offset)
+    steps = Steps(offset, np.array([3, 1, -1], np.int32), np.zeros(3))
     near = within(steps, 3)
     assert near.number.tolist() == [2, 1, -1]
     assert near.offset[0, :2].tolist() == [1.0, 3.0]
-    assert near.rise[0, :2].tolist() == [10.0, 30.0]

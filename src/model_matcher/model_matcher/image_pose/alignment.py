@@ -58,14 +58,11 @@ class Steps(NamedTuple):
         How many of them there are; none or fewer: the point says nothing.
     variance : (n,) float64
         Square pixels, of their places.
-    rise : (n, c) float64
-        By how much the grey levels rise along the normal; less than 0 where they fall.
     """
 
     offset: FloatArray
     number: Int32Array
     variance: FloatArray
-    rise: FloatArray
 
     def without(self, points: BoolArray) -> Steps:
         """The steps, but none at some points (n,)."""

@@ -301,7 +301,8 @@ def ends_seen(sight: Sight, found: Int8Array, views: Views) -> tuple[float, floa
 def searched(sight: Sight, views: Views, reach: int) -> Steps:
     """The strongest steps within ``reach`` pixels of all points, along their normals."""
     n = len(sight)
-    steps = Steps(np.full((n, CANDIDATES), np.nan), np.zeros(n, np.int32), np.zeros(n), np.zeros((n, CANDIDATES)))
+    steps = Steps(np.full((n, CANDIDATES), np.nan), np.zeros(n, np.int32), np.zeros(n))
+    strength = np.empty((n, CANDIDATES))
     for eye, image in enumerate(views.images):
         rows = sight.rows(eye)
         find_steps(
@@ -312,7 +313,7 @@ def searched(sight: Sight, views: Views, reach: int) -> Steps:
             reach,
             BOUND_SIGMA * float(views.noise[eye]),
             steps.offset[rows],
-            steps.rise[rows],
+            strength[rows],
             steps.number[rows],
         )
     return steps
@@ -362,8 +363,8 @@ def fitted(sight: Sight, views: Views) -> Steps:
 
     spread(fit, range(len(views)))
     known = np.isfinite(out[:, 0])
-    offset, variance, rise = (np.where(known, out[:, k], other) for k, other in enumerate((0.0, 1.0, 0.0)))
-    return Steps(offset[:, None], known.astype(np.int32), variance, rise[:, None])
+    offset, variance = (np.where(known, out[:, k], other) for k, other in enumerate((0.0, 1.0)))
+    return Steps(offset[:, None], known.astype(np.int32), variance)
 
 
 def own_steps(steps: Steps, sight: Sight, motion: FloatArray, views: Views) -> Steps:

@@ -95,7 +95,7 @@ def settled(
     widths, prior = np.zeros(TO_POSE), Prior(_where_drawn(placed, off), np.zeros(6))
     for _ in range(rounds):
         curve, view, point = error
-        own = Steps(steps.offset, steps.number, steps.variance + point**2, steps.rise)
+        own = Steps(steps.offset, steps.number, steps.variance + point**2)
         align(motion, middle, cameras, placed, own, widths, density, (curve, view), prior, residual, weight, normal)
         if (weight > 0.0).sum() < FEWEST_POINTS:
             break

@@ -117,23 +117,23 @@ def searched_for(
 
 def within(steps: Steps, reach: int) -> Steps:
     """The steps within ``reach`` pixels."""
-    offset, number, rise = _within(steps, reach)
-    return steps._replace(offset=offset, number=number, rise=rise)
+    offset, number = _within(steps, reach)
+    return steps._replace(offset=offset, number=number)
 
 
 @njit(nogil=True)
-def _within(steps: Steps, reach: int) -> tuple[FloatArray, Int32Array, FloatArray]:
-    """Places of steps (n, c), how many they are (n,), and their rises (n, c), less those farther away."""
-    kept, count, rise = np.full_like(steps.offset, np.nan), steps.number.copy(), np.zeros_like(steps.rise)
+def _within(steps: Steps, reach: int) -> tuple[FloatArray, Int32Array]:
+    """Places of steps (n, c), and how many they are (n,), less those farther away."""
+    kept, count = np.full_like(steps.offset, np.nan), steps.number.copy()
     for k in range(len(count)):
         if steps.number[k] <= 0:
             continue
         count[k] = 0
         for j in range(steps.number[k]):
             if abs(steps.offset[k, j]) <= reach:
-                kept[k, count[k]], rise[k, count[k]] = steps.offset[k, j], steps.rise[k, j]
+                kept[k, count[k]] = steps.offset[k, j]
                 count[k] += 1
-    return kept, count, rise
+    return kept, count
 
 
 def measured(shape: Shape, place: Place, views: Views, error: ModelError) -> Measured | None:
