@@ -66,7 +66,7 @@ LONGEST_FIT_STEP = 0.5
 # of its sigma, and the next would by about the square of that.
 LAST_FIT_GAIN = 0.01
 # Points by which blur and walk of an image are told, at most: of so many the median is good to a tenth of the noise.
-QUALITY_POINTS = 256
+QUALITY_POINTS = 128
 # Pixels that a fitted step may be off what the pose predicts: farther, it was not seen from there.
 FARTHEST_STEP = 1.5
 # Further steps beside one that its fit takes in: an edge of a thin plate has one, a groove two.
