@@ -16,8 +16,9 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int8Array, Int32Array
 
 from .alignment import Placed
-from .neighbours import beside_box, curve_boxes
-from .presence import bent, beta_binomial
+from .counts import beta_binomial
+from .neighbours import beside_box, curve_boxes, own_step
+from .presence import bent
 from .settings import ENDS_OF_OTHERS, ENDS_OF_OWN, ON_EDGE, PAST_END
 from .sight import Sight
 
@@ -85,7 +86,7 @@ def _on_outline(
         if placed.eye[first] != eye or beside_box(box, c, u, v, 2.0 * ON_EDGE + spacing[first]):
             continue
         for k in range(first, begin[c + 1]):
-            if math.hypot(placed.pixel[k, 0] - u, placed.pixel[k, 1] - v) < math.hypot(2.0 * ON_EDGE, 0.5 * spacing[k]):
+            if math.hypot(placed.pixel[k, 0] - u, placed.pixel[k, 1] - v) < own_step(spacing[k]):
                 return True
     return False
 

@@ -25,8 +25,7 @@ from ..geometry.least_squares import covariances
 from ..geometry.pose_rows import as_motion, as_pose
 from ..geometry.settings import NOT_ZERO
 from .alignment import Prior, Steps, align, moved_by
-from .ends import gone_on, past_ends
-from .ends import log_ratio as of_ends
+from .ends import gone_on, log_ratio, past_ends
 from .image_quality import look_of
 from .model_error import FIRST_ERROR, NO_ERROR, ModelError, settled
 from .neighbours import may_hide, neighbours
@@ -287,7 +286,7 @@ def shown(
         return Presence(-np.inf, 0.0, sight, np.zeros(0, np.int8)), steps
     ratio, support, found = shown_outline(sight.placed, sight.spacing, sight.limb, steps, in_space, screened)
     if screened:
-        ratio += of_ends(*ends_seen(sight, found, views))
+        ratio += log_ratio(*ends_seen(sight, found, views))
     return Presence(ratio, support, sight, found), steps
 
 

@@ -105,12 +105,12 @@ def neighbours(placed: Placed, spacing: FloatArray) -> tuple[FloatArray, Int32Ar
 
 
 @njit
-def own_step() -> float:
+def own_step(spacing: float = SPACING) -> float:
     """Pixels between points of two curves within which one step confirms both: it lies within ON_EDGE of either.
 
     Along the curves it may lie half the spacing of points away.
     """
-    return math.hypot(2.0 * ON_EDGE, 0.5 * SPACING)
+    return math.hypot(2.0 * ON_EDGE, 0.5 * spacing)
 
 
 @njit(nogil=True)

@@ -304,19 +304,6 @@ def _in_view(found: Int8Array, chance: Chance) -> tuple[float, float]:
 
 
 @njit(nogil=True)
-def beta_binomial(k: float, n: float, shape: tuple[float, float]) -> float:
-    """Log-likelihood of k of n in an order, of a share that has a beta distribution."""
-    a, b = shape
-    log_likelihood: float = _log_beta(k + a, n - k + b) - _log_beta(a, b)
-    return log_likelihood
-
-
-@njit(nogil=True)
-def _log_beta(a: float, b: float) -> float:
-    return math.lgamma(a) + math.lgamma(b) - math.lgamma(a + b)
-
-
-@njit(nogil=True)
 def log_ratio(found: Int8Array, group: Int32Array, curve: Int32Array, is_bent: BoolArray, chance: Chance) -> float:
     """Log-likelihood ratio of confirmations: an outline that may be hidden in parts, against other edges.
 

@@ -101,7 +101,7 @@ PAST_END = (6.0, 10.0, 14.0)
 # Beta distributions of the share of ends past which an edge goes on: of the object's own curves, and of those that lie
 # on others' edges. Fitted by test/benchmarks/calibrate_evidence.py, but for two things: parts that stand in line are
 # rare in those pictures, so that the first is wider; and where nothing is tiled others' edges end, too, so that the
-# second has half of the share. With (0.69, 4.1) one of 600 absent parts in rendered scenes is answered.
+# second has half of the share. With (0.69, 4.1) one of the record's 600 absent parts in rendered scenes is answered.
 ENDS_OF_OWN = (0.15, 6.0)
 ENDS_OF_OTHERS = (0.25, 2.5)
 # Shares of an outline that may be hidden, equally likely.

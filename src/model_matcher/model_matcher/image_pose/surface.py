@@ -20,7 +20,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import ByteArray, FloatArray, Int32Array, IntArray
 
 from ..geometry.settings import NOT_ZERO, UNIFORM_VARIANCE
-from .presence import beta_binomial
+from .counts import beta_binomial
 from .settings import OTHERS_FACES, PATCH, PATCH_BEND, PATCHES, REACH, SURFACE_OF_OTHERS, SURFACE_OF_OWN
 from .sight import Shape, Sight
 from .views import Views
