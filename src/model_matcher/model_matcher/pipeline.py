@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,6 +19,7 @@ from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, PinholeCamera,
 from msgs_py.numeric.deadline import Deadline, blocks
 from msgs_py.numeric.steps import CompileStep, run_all
 from msgs_py.numeric.threads import spread, spread_until
+from msgs_py.numeric.typed import FloatArray, Int32Array
 
 from .catalogue.build import indexed_model, write_catalogue
 from .catalogue.candidates import candidates
@@ -38,11 +40,11 @@ from .model.symmetry import Axis, distinct_pairs
 from .params import MatchParams, MatchResult, no_match
 from .proof.certificate import certify
 from .search.free_scale import match_free
-from .search.pair_search import Candidates, has_waited, kept, merge, search_pairs
+from .search.pair_search import Candidates, kept, merge, search_pairs
 from .search.parallel_search import search_all_parallel
 from .search.prefilter import prefilter
 from .search.settings import ALL_PAIRED, MOST_CANDIDATES, NEAR, SHARES
-from .settings import LOOKED_AT, MANY_PAIRS, PATIENCE, PERIODIC
+from .settings import LOOKED_AT, PATIENCE, PERIODIC, SIDE_BY_SIDE, Patience
 from .verification.acceptance import accept
 from .verification.evidence import displaced
 from .verification.false_alarms import needed_evidence, needed_with_images
@@ -164,9 +166,9 @@ def _match_hypotheses(
     pairs, partners = rank_pairs(rows, neighbours, index.size, 2 * NEAR)
     searching = deadline.share(SHARES.searching)
     parts: list[tuple[Refined, _Found]] = []
-    for least in (PATIENCE.least, np.inf):
-        begin = parts[-1][1].pairs if parts else 0
-        found = _search(problem, pairs, partners, begin, (least, PATIENCE.most), searching)
+    for least in (PATIENCE.least, math.inf):
+        begin = parts[-1][1].done if parts else (0,) * SIDE_BY_SIDE
+        found = _search(problem, pairs, partners, begin, Patience(least, PATIENCE.most), searching)
         # Edges among themselves are many: they are asked when nothing else has brought an answer.
         seen = views is not None and index.shape is not None
         tried = search_all_parallel(problem, bool(parts), Candidates(found.motions, found.scores), searching, seen)
@@ -197,7 +199,7 @@ def _match_hypotheses(
     stats = {
         'search': 'hypotheses',
         'data_features': problem.n_data,
-        'pairs': found.pairs,
+        'pairs': sum(found.done),
         'hypotheses': sum(part[1].hypotheses for part in parts),
         'stopped_by': stopped,
         'evidence_needed': needed,
@@ -212,79 +214,73 @@ def _match_hypotheses(
 
 
 class _Found(NamedTuple):
-    """Candidate poses (c, 12) and scores (c,), best first; the pair to go on with; why the search stopped."""
+    """What a search has found.
 
-    motions: np.ndarray
-    scores: np.ndarray
-    pairs: int
+    Attributes
+    ----------
+    motions, scores : (c, 12), (c,) float64
+        Candidate poses, best first.
+    done : tuple of int
+        Pairs that each part of the search has tried, where it goes on.
+    hypotheses : int
+        Those of all of them.
+    stopped_by : str
+        Why it stopped.
+    """
+
+    motions: FloatArray
+    scores: FloatArray
+    done: tuple[int, ...]
     hypotheses: int
     stopped_by: str
 
 
 def _search(
     problem: Problem,
-    pairs: np.ndarray,
-    partners: np.ndarray,
-    begin: int,
-    patience: tuple[float, float],
+    pairs: Int32Array,
+    partners: Int32Array,
+    begin: tuple[int, ...],
+    patience: Patience,
     deadline: Deadline,
 ) -> _Found:
-    """Try the ranked pairs from number ``begin`` on."""
-    table = distinct_pairs(problem.index)
-    candidates = Candidates(np.zeros((PERIODIC * CANDIDATES, 12)), np.zeros(PERIODIC * CANDIDATES))
-    state = np.array([0, 0, begin, 0])
+    """Try the ranked pairs from where an earlier search left off; begin : see :class:`_Found`.
 
-    def tried(first: int, last: int, wait: tuple[float, float], found: Candidates, so_far: np.ndarray) -> None:
-        about = pairs, partners, problem.model, table, problem.features, SEARCH_WIDTH
-        search_pairs(*about, first, last, wait, found, so_far)
-
-    at_once = 2 if len(table.members) > MANY_PAIRS else 1
-    for some in blocks(-(-(len(pairs) - begin) // at_once), deadline):
-        first, last = (min(begin + at_once * number, len(pairs)) for number in some)
-        if at_once > 1:
-            _side_by_side(problem, (first, last), patience, tried, candidates, state)
-        else:
-            tried(first, last, patience, candidates, state)
-        if state[3]:
-            break
-    motions, scores = candidates
-    in_time = state[2] >= len(pairs) or state[3] or not deadline.passed
-    stopped = 'patience' if state[3] else 'exhausted' if in_time else 'time limit'
-    return _Found(motions, scores, int(state[2]), int(state[0]), stopped)
-
-
-def _side_by_side(
-    problem: Problem,
-    pairs: tuple[int, int],
-    patience: tuple[float, float],
-    tried: Callable[[int, int, tuple[float, float], Candidates, np.ndarray], None],
-    candidates: Candidates,
-    state: np.ndarray,
-) -> None:
-    """Try data pairs first to last - 1 two at once, as one after the other would be; what is found is the same.
-
-    tried : see :func:`_search`; candidates, state : changed in place, see :func:`.pair_search.search_pairs`
+    Every second pair is tried by itself, with half of the patience, and what both have found is put together: it does
+    not depend on threads.
     """
-    features = problem.n_data, len(problem.index)
+    parts = spread(
+        lambda part: _search_some(
+            problem, np.ascontiguousarray(pairs[part::SIDE_BY_SIDE]), partners, begin[part], patience, deadline
+        ),
+        range(SIDE_BY_SIDE),
+    )
+    found, *others = sorted(parts, key=lambda one: -float(one.scores[0]))
+    for other in others:
+        merge(Candidates(other.motions, other.scores), problem.model, Candidates(found.motions, found.scores))
+    return found._replace(
+        done=tuple(done for one in parts for done in one.done),
+        hypotheses=sum(one.hypotheses for one in parts),
+        stopped_by=max((one.stopped_by for one in parts), key=('exhausted', 'patience', 'time limit').index),
+    )
 
-    def one(number: int) -> tuple[Candidates, np.ndarray]:
-        found, so_far = Candidates(candidates.motions.copy(), candidates.scores.copy()), np.array([0, 0, number, 0])
-        tried(number, number + 1, (np.inf, np.inf), found, so_far)
-        return found, so_far
 
-    for first in range(pairs[0], pairs[1], 2):
-        for found, so_far in spread(one, range(first, min(first + 2, pairs[1]))):
-            before = np.floor(candidates.scores[0])
-            improved = np.floor(found.scores[0]) > before
-            if improved:
-                state[1] = state[0] + so_far[1]
-            state[0] += so_far[0]
-            state[2] = so_far[2]
-            merge(found, problem.model, candidates)
-            waited = int(state[0] - state[1])
-            if not improved and has_waited(waited, float(candidates.scores[0]), features, patience):
-                state[3] = 1
-                return
+def _search_some(
+    problem: Problem, pairs: Int32Array, partners: Int32Array, begin: int, patience: Patience, deadline: Deadline
+) -> _Found:
+    """Try every so many-th of the ranked pairs from one of them on, with so much of the patience."""
+    about = pairs, partners, problem.model, distinct_pairs(problem.index), problem.features, SEARCH_WIDTH
+    wait = Patience(patience.least / SIDE_BY_SIDE, patience.most / SIDE_BY_SIDE)
+    some = Candidates(np.zeros((PERIODIC * CANDIDATES, 12)), np.zeros(PERIODIC * CANDIDATES))
+    state, stopped = np.array([0, 0, begin, 0]), 'exhausted'
+    for first, last in blocks(len(pairs), deadline, begin):
+        search_pairs(*about, first, last, wait, some, state)
+        if state[3]:
+            stopped = 'patience'
+            break
+    else:
+        if state[2] < len(pairs) and deadline.passed:
+            stopped = 'time limit'
+    return _Found(*some, (int(state[2]),), int(state[0]), stopped)
 
 
 def _neighbours(rows: np.ndarray, longest: float, deadline: Deadline) -> tuple[np.ndarray, bool]:
@@ -508,10 +504,8 @@ def compile_steps(
         _warm.add('features')
         # Whatever evidence there is suffices: nothing is to be compiled only when something is found.
         match(model, model, replace(wanted, false_alarm_rate=1.0))
-        # What a large model needs besides, with nothing to find.
         problem = make_problem(indexed(model, 'model'), model, wanted)
-        none, state = Candidates(np.zeros((1, 12)), np.zeros(1)), np.zeros(4, np.int64)
-        _side_by_side(problem, (0, 1), (PATIENCE.least, PATIENCE.most), lambda *_: None, none, state)
+        none = Candidates(np.zeros((1, 12)), np.zeros(1))
         search_all_parallel(problem, True, none, Deadline())
 
     steps = [CompileStep('search by pairs of features', lambda: with_params(MatchParams()))]

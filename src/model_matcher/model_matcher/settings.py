@@ -25,9 +25,8 @@ class Patience(NamedTuple):
 # When what was found could be chance, the search goes on without the first, with a new list of candidates: accidents
 # that explain many features may have filled the first list, or ended it early.
 PATIENCE = Patience(30.0, 8000.0)
-# Pairs of a model's features above which a data pair takes so long that two are tried at once: of some thousand
-# hypotheses.
-MANY_PAIRS = 10_000
+# Parts of the ranked pairs, every so many-th, that are searched at once: cores that any machine has.
+SIDE_BY_SIDE = 2
 # So many times more candidates are kept when the list is full of poses nearly as good as the best, as of a grid.
 PERIODIC = 2
 # Hypotheses of a search, the best by their features, that are looked for in the images: of 514 right ones in real,

@@ -8,6 +8,8 @@ import pytest
 
 from model_matcher import MatchParams, index_model, match, pipeline, recognise
 from model_matcher.closed_form.synthetic.scenes import MODELS, chipped_block, l_shape, make_scene, random_pose
+from model_matcher.geometry.line_pairs import rank_pairs
+from model_matcher.model.problem import make_problem
 from model_matcher.pipeline import survey, warm_up
 from msgs_py import FeatureSet, Pose
 from msgs_py.numeric.deadline import Deadline
@@ -263,13 +265,13 @@ def test_time_that_an_item_leaves_goes_to_those_after_it(monkeypatch):
 
 
 @pytest.mark.parametrize('seed', range(4))
-def test_two_pairs_at_once_find_what_one_after_the_other_does(seed, monkeypatch):
+def test_what_is_found_does_not_depend_on_threads(seed, monkeypatch):
     """Also where the search is given up: hypotheses, pairs and poses are the same."""
     model = index_model([chipped_block(), l_shape()][seed % 2])
     scene = make_scene(model.features, seed, clutter=0.85)
     found = []
-    for many in (0, 10**9):
-        monkeypatch.setattr(pipeline, 'MANY_PAIRS', many)
+    for threads in (1, 2):
+        monkeypatch.setattr('msgs_py.numeric.threads.THREADS', threads)
         result = match(model, scene.data, MatchParams(time_limit_s=60.0))
         found.append(
             (
@@ -280,3 +282,20 @@ def test_two_pairs_at_once_find_what_one_after_the_other_does(seed, monkeypatch)
             )
         )
     assert found[0] == found[1]
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_a_search_that_is_given_up_goes_on_where_it_was(seed):
+    """Pairs are all tried once, whatever was tried before."""
+    model = index_model([chipped_block(), l_shape()][seed % 2])
+    problem = make_problem(model, make_scene(model.features, seed, clutter=0.85).data, MatchParams())
+    pairs, partners = rank_pairs(problem.rows, np.zeros((0, 0), np.int32), model.size, 24)
+    begin, hypotheses = (0, 0), []
+    for most in (500.0, 1000.0, np.inf):
+        found = pipeline._search(problem, pairs, partners, begin, pipeline.Patience(most, most), Deadline())
+        assert all(now >= before for now, before in zip(found.done, begin))
+        begin = found.done
+        hypotheses.append(found.hypotheses)
+    assert sum(begin) == len(pairs) and found.stopped_by == 'exhausted'
+    whole = pipeline._search(problem, pairs, partners, (0, 0), pipeline.Patience(np.inf, np.inf), Deadline())
+    assert whole.hypotheses == sum(hypotheses) and whole.stopped_by == 'exhausted'

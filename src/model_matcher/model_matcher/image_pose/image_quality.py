@@ -13,8 +13,8 @@ from msgs_py.numeric.typed import BoolArray, ByteArray, FloatArray
 from ..geometry.settings import NOT_ZERO
 from .profiles import FITTED, Profiles, Quality, Stretches, fit_profiles, profiles_of
 from .settings import (
+    BLUR_FACTOR,
     BLUR_SHARE,
-    BLUR_STEPS,
     FIRST_BLUR,
     FIRST_SLOPE,
     FIRST_WALK,
@@ -24,6 +24,7 @@ from .settings import (
     MOST_BLUR,
     QUALITY_POINTS,
     STRONG,
+    WALK_TURNS,
     WALKS,
 )
 
@@ -76,18 +77,8 @@ def _look_of(steps: _Steps) -> tuple[float, float, float]:
     if np.isnan(out[:, 0]).all():
         return FIRST_BLUR, FIRST_WALK, FIRST_SLOPE
     strong = np.abs(out[:, 2]) > STRONG * steps.noise
-    blur = FIRST_BLUR
-    if strong.any():
-        for step in BLUR_STEPS:
-            blur = _told_blur(steps, blur, step, strong, out)
-    # The more they may wander, the less is left: as much as was expected where the walk is right.
-    low, high = 0, len(WALKS) - 1
-    while low < high:
-        middle = (low + high) // 2
-        _fit(steps, blur, WALKS[middle], out)
-        low, high = (middle + 1, high) if np.nanmean(out[:, 3]) > 1.0 else (low, middle)
-    walk = float(WALKS[low])
-    _fit(steps, blur, walk, out)
+    blur = _told_blur(steps, strong, out) if strong.any() else FIRST_BLUR
+    walk = _told_walk(steps, blur, out)
     # What the slopes spread beyond what noise and walk make of none.
     slope = float(np.nanmean(out[:, 4] ** 2 - out[:, 5]))
     return blur, walk, math.sqrt(max(slope, LEAST_SLOPE**2))
@@ -101,32 +92,69 @@ def _fit(steps: _Steps, blur: float, walk: float, out: FloatArray) -> None:
 
 
 @njit(nogil=True)
-def _told_blur(steps: _Steps, first: float, step: float, strong: BoolArray, out: FloatArray) -> float:
-    """The blur that leaves the least of strong steps, of ``first`` times powers of ``step``.
+def _told_blur(steps: _Steps, strong: BoolArray, out: FloatArray) -> float:
+    """The blur that leaves the least of strong steps.
 
-    Downhill from the first; between the best and those beside it by a parabola.
+    Downhill by factors from the first, with which ``out`` has been fitted; then by two parabolas, the second through
+    the lowest point of the first.
     """
-    least = int(math.log(LEAST_BLUR / first) / math.log(step))
-    most = int(math.log(MOST_BLUR / first) / math.log(step))
-    left = np.full(most - least + 1, np.nan)
-    best, near = 0, 0
-    while True:
-        for k in (best, best - 1, best + 1):
-            if least <= k <= most:
-                if math.isnan(left[k - least]):
-                    _fit(steps, first * step**k, FIRST_WALK, out)
-                    left[k - least] = _left_of_most(out, strong)
-                if left[k - least] < left[near - least]:
-                    near = k
-        if near == best:
+    least, most = math.log(LEAST_BLUR), math.log(MOST_BLUR)
+    places, left = math.log(FIRST_BLUR) + math.log(BLUR_FACTOR) * np.arange(-1.0, 3.0), np.empty(4)
+    left[1] = _left_of_most(out, strong)
+    left[0], left[2] = _left_with(places[0], steps, strong, out), _left_with(places[2], steps, strong, out)
+    way = -1 if left[0] < left[2] else 1
+    while left[1 + way] < left[1] and least < places[1] < most:
+        places += way * math.log(BLUR_FACTOR)
+        left[1 - way], left[1] = left[1], left[1 + way]
+        left[1 + way] = _left_with(places[1 + way], steps, strong, out)
+    places[3] = _lowest(places, left)
+    left[3] = _left_with(places[3], steps, strong, out)
+    order = np.argsort(places)
+    begin = min(max(int(np.argmin(left[order])) - 1, 0), 1)
+    some = order[begin : begin + 3]
+    return math.exp(min(max(_lowest(places[some], left[some]), least), most))
+
+
+@njit(nogil=True)
+def _lowest(x: FloatArray, y: FloatArray) -> float:
+    """Where a parabola through three points (3,) is lowest, between them; the middle one where it is so nowhere."""
+    before, after = x[1] - x[0], x[1] - x[2]
+    down, up = before * (y[1] - y[2]), after * (y[1] - y[0])
+    if not (math.isfinite(down - up) and down - up < 0.0):
+        return float(x[1])
+    return float(min(max(x[1] - 0.5 * (before * down - after * up) / (down - up), x[0]), x[2]))
+
+
+@njit(nogil=True)
+def _left_with(log_blur: float, steps: _Steps, strong: BoolArray, out: FloatArray) -> float:
+    """What a blur leaves of most strong steps, which are fitted with it."""
+    _fit(steps, math.exp(log_blur), FIRST_WALK, out)
+    left: float = _left_of_most(out, strong)
+    return left
+
+
+@njit(nogil=True)
+def _told_walk(steps: _Steps, blur: float, out: FloatArray) -> float:
+    """The first of WALKS that leaves no more of the steps than noise and walk would; ``out`` is fitted with it.
+
+    What is left is in units of a sum of variances, so that one over it grows evenly with that of the walk: by secants,
+    the first of which takes noise for nothing.
+    """
+    walk, before, told = FIRST_WALK, 0.0, 0.0
+    for _ in range(WALK_TURNS):
+        _fit(steps, blur, walk, out)
+        units = 1.0 / max(float(np.nanmean(out[:, 3])), NOT_ZERO)
+        rise = (units - told) / (walk * walk - before)
+        before, told = walk * walk, units
+        if not rise > 0.0:
             break
-        best = near
-    place = float(best)
-    if least < best < most:
-        before, here, after = left[best - 1 - least], left[best - least], left[best + 1 - least]
-        if math.isfinite(before + after):
-            place += 0.5 * (before - after) / max(before - 2.0 * here + after, NOT_ZERO)
-    return float(first * step**place)
+        first = 0
+        while first < len(WALKS) - 1 and WALKS[first] ** 2 < before + (1.0 - units) / rise:
+            first += 1
+        if WALKS[first] == walk:
+            break
+        walk = WALKS[first]
+    return math.sqrt(before)
 
 
 @njit(nogil=True)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -186,50 +187,51 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
     Steps are fitted where the outline is drawn: if the pose moves it farther than steps are told from, and than its
     curves are found to be off themselves, it is drawn anew. What images are like that nothing is known of yet is told
     anew as well: a pixel off their edges, any of it may seem to be so.
-    """
-    tones = () if views.tone[0] > 0.0 else TONES
-    for _ in range(DRAWN_ANEW):
-        found, shift = _polished_once(shape, motion, views, tones)
-        if not shift > max(MOST_MOVED, math.hypot(found.error.curve, found.error.view)):
-            break
-        motion = as_motion(found.pose)
-    return found
-
-
-def _polished_once(shape: Shape, motion: FloatArray, views: Views, tones: tuple[float, ...]) -> tuple[ImagePose, float]:
-    """The pose from steps that are fitted where it is drawn at (12,), and how far it has moved them, pixels.
 
     Whether the camera codes light by a tone curve is not said in an image. A wrong curve moves every step to its dark
     side, and which side that is differs from edge to edge: the right one leaves the outline less to be off.
-
-    tones : tone curves that the views may have, the likelier first; none where theirs is known
     """
-    outline = outline_of(shape, as_pose(motion), views.cameras, views.poses)
-    sight = drawn(outline, motion, shape.centre, views)
-    if len(sight) < FEWEST_POINTS:
-        return _nothing(motion, Presence(-np.inf, 0.0, sight, np.zeros(len(sight), np.int8))), 0.0
-    density = elsewhere(searched(sight, views, FLANK), FLANK)
-    if not tones:
-        laid_on = _laid_on_fitted(shape, motion, views, sight, density)
-    else:
-        coded = [views.coded(tone) for tone in tones]
-        found = spread(lambda some: _laid_on_fitted(shape, motion, some, sight, density), coded)
-        curves = len(np.unique(sight.placed.group))
-        of_lines = [np.hypot(one.error.curve, one.error.view) + NOT_ZERO for one in found]
-        # The pose has taken six of the errors of the curves.
-        gain = max(2 * curves - 6, 0) * np.log(of_lines[0] / of_lines[1])
-        best = int(gain > DECISIVE)
-        laid_on = found[best]
-        views.take_over(coded[best].quality)
-    pose = as_pose(laid_on.motion)
+    # Tone curves that the views may have, the likelier first; none where theirs is known.
+    tones: tuple[float, ...] = () if views.tone[0] > 0.0 else TONES
+    for _ in range(DRAWN_ANEW):
+        outline = outline_of(shape, as_pose(motion), views.cameras, views.poses)
+        sight = drawn(outline, motion, shape.centre, views)
+        if len(sight) < FEWEST_POINTS:
+            return _nothing(motion, Presence(-np.inf, 0.0, sight, np.zeros(len(sight), np.int8)))
+        density = elsewhere(searched(sight, views, FLANK), FLANK)
+        if not tones:
+            found = _laid_on_fitted(shape, motion, sight, density, views)
+        else:
+            coded = [views.coded(tone) for tone in tones]
+            laid_on = spread(partial(_laid_on_fitted, shape, motion, sight, density), coded)
+            best, decided = _likelier_tone(laid_on, sight)
+            found, tones = laid_on[best], tones[best : best + 1] if decided else tones
+            views.take_over(coded[best].quality)
+        motion = found.motion
+        off = math.hypot(found.error.curve, found.error.view)
+        if not moved_by(motion, views.rows, sight.placed) > max(MOST_MOVED, off):
+            break
+    pose = as_pose(motion)
     arm = (pose.translation - pose.apply(shape.centre))[None]
-    covariance = covariances(laid_on.normal[None], np.ones(1), arm, shape.size)[0]
-    there = shown(drawn(outline, laid_on.motion, shape.centre, views), views)[0]
-    shift = moved_by(laid_on.motion, views.rows, sight.placed)
-    return ImagePose(pose, covariance, there, laid_on.residual, laid_on.weight, laid_on.error), shift
+    covariance = covariances(found.normal[None], np.ones(1), arm, shape.size)[0]
+    there = shown(drawn(outline, motion, shape.centre, views), views)[0]
+    return ImagePose(pose, covariance, there, found.residual, found.weight, found.error)
 
 
-def _laid_on_fitted(shape: Shape, motion: FloatArray, views: Views, sight: Sight, density: float) -> Laid:
+def _likelier_tone(found: list[Laid], sight: Sight) -> tuple[int, bool]:
+    """Which of tone curves explains steps, by how far each leaves the outline off, and whether that decides.
+
+    The first, unless another is decisively better.
+    """
+    if len(found) == 1:
+        return 0, True
+    off = [math.hypot(one.error.curve, one.error.view) + NOT_ZERO for one in found]
+    # The pose has taken six of the errors of the curves.
+    gain = max(2 * len(np.unique(sight.placed.group)) - 6, 0) * math.log(off[0] / off[1])
+    return int(gain > DECISIVE), abs(gain) > DECISIVE
+
+
+def _laid_on_fitted(shape: Shape, motion: FloatArray, sight: Sight, density: float, views: Views) -> Laid:
     """A pose near (12,), with the tone curve of the views; density : see :func:`elsewhere`."""
     return laid_on_steps(shape, motion, views, sight, own_steps(fitted(sight, views), sight, motion, views), density)
 

@@ -20,9 +20,11 @@ REACH = 8
 # Pixels to either side of a step that its fit takes in, at most: the flanks must say what the levels are.
 FLANK = 4
 # Grey levels for a root of a pixel, sigma of the walk that shade, print and grain make beside a step: what is believed
-# while the blur is looked for, and what is tried, from less than the noise of a good camera to strong print.
+# while the blur is looked for, and what is tried, from less than the noise of a good camera to strong print; and fits
+# between which of these it lies, at most.
 FIRST_WALK = 4.0
 WALKS = tuple(0.03125 * 2.0 ** (0.5 * k) for k in range(19))
+WALK_TURNS = 6
 # Grey levels a pixel, sigma of the slope of shade beside a step: what is believed before a picture shows it, that of a
 # rod thirty pixels wide from lit to dark; and the least, of which nothing is seen in a picture of whole levels.
 FIRST_SLOPE = 2.0
@@ -54,11 +56,11 @@ TO_POSE = 2
 # Sigmas of the noise, of steps that tell the blur.
 STRONG = 8.0
 # Pixels, sigma of the blur that is believed first, of that of a sharp picture on square pixels, and of that of strong
-# motion; how many times the one before the next is that is tried, at first and about the best.
+# motion; how many times the one before the next is that is tried.
 FIRST_BLUR = 0.64
 LEAST_BLUR = 0.4
 MOST_BLUR = 3.0
-BLUR_STEPS = (1.25, 1.05)
+BLUR_FACTOR = 1.25
 # Gauss-Newton steps of a step's fit, and the longest of them, pixels: from half a pixel away it has all digits.
 FIT_TURNS = 5
 LONGEST_FIT_STEP = 0.5

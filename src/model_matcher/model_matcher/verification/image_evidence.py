@@ -26,7 +26,7 @@ from msgs_py.numeric.typed import FloatArray, IntArray
 from ..geometry.pose_rows import as_motion, as_pose
 from ..image_pose.measurement import ImagePose, Presence, looked_for, polished, presence, shown
 from ..image_pose.presence import overlap
-from ..image_pose.settings import REACH, SPACING, UNSEEN_TURN
+from ..image_pose.settings import SPACING, UNSEEN_TURN
 from ..image_pose.sight import Shape
 from ..image_pose.surface import Agreement, agreement, log_ratio
 from ..image_pose.views import Views
@@ -112,16 +112,17 @@ def weigh(
     """
     deadline = deadline or Deadline()
     poses = _equal_poses(problem.index, hypothesis)
-    if hypothesis.free_turn is None and len(poses) <= TURNED:
-        coarse = halved_until_small(shape, shape.size, hypothesis.pose, views)
-        looks = [Weighed(hypothesis, as_motion(pose), presence(shape, pose, coarse)) for pose in poses]
-        best = max(looks, key=lambda one: one.evidence)
-        if best.shown.log_ratio <= 0.0 and best.evidence + DECISIVE < needed:
-            return best
+    coarse = halved_until_small(shape, shape.size, hypothesis.pose, views)
+    poses, looks = _looked_at(shape, poses, coarse, deadline)
+    best, pose = max(zip(looks, poses), key=lambda one: one[0].log_ratio)
+    seen = Weighed(hypothesis, as_motion(pose), best)
+    if best.log_ratio <= 0.0 and seen.evidence + DECISIVE < needed:
+        return seen
     # A look at each, as coarse as its steps are, says which to look at closely, and that which to draw in.
-    for spacing in (REACH, SPACING):
-        if len(poses) > TURNED and not deadline.passed:
-            poses = likeliest(poses, _glances(shape, poses, views, spacing, deadline))
+    if len(poses) > TURNED:
+        poses = _likeliest(poses, looks)
+    if len(poses) > TURNED:
+        poses = _likeliest(*_looked_at(shape, poses, views, deadline))
     axis = None if hypothesis.free_turn is None else _free_axis(problem.index, hypothesis)
     return _drawn_in(problem, shape, hypothesis, poses, views, deadline, axis)
 
@@ -172,14 +173,15 @@ def _drawn_in(
     return replace(best, rivals=tuple(others))
 
 
-def _glances(shape: Shape, poses: list[Pose], views: Views, spacing: float, deadline: Deadline) -> FloatArray:
-    """(n,) nats of the outline at each of n poses; spacing : pixels between the points of it that are looked at."""
-    return np.array(
-        spread(
-            lambda pose: -math.inf if deadline.passed else presence(shape, pose, views, spacing=spacing).log_ratio,
-            poses,
-        )
-    )
+def _looked_at(shape: Shape, poses: list[Pose], views: Views, deadline: Deadline) -> tuple[list[Pose], list[Presence]]:
+    """Those of some poses that there is time for, the first in any case, and what images show of the outline there."""
+    looks = spread(lambda k: None if k and deadline.passed else presence(shape, poses[k], views), range(len(poses)))
+    seen = [(pose, one) for pose, one in zip(poses, looks) if one is not None]
+    return [pose for pose, _ in seen], [one for _, one in seen]
+
+
+def _likeliest(poses: list[Pose], looks: list[Presence]) -> list[Pose]:
+    return likeliest(poses, np.array([one.log_ratio for one in looks]))
 
 
 def _at(problem: Problem, hypothesis: Interpretation, motion: FloatArray) -> Interpretation:
