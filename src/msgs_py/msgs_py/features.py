@@ -330,11 +330,24 @@ class FeatureSet:
         ----------
         mask : (n,) array_like of bool, or array_like of int
             Which to take, or their indices, in the order wanted.
+
+        Raises
+        ------
+        ValueError
+            For a mask of another shape.
         """
         mask = np.asarray(mask)
+        if mask.ndim != 1:
+            raise ValueError(f'mask: expected shape (n,), got {mask.shape}')
         if mask.dtype != bool:
             mask = mask.astype(np.intp)
-        return FeatureSet(*(getattr(self, name)[mask] for name in FIELDS))
+        # Some of what has been looked at need not be looked at again.
+        some = object.__new__(FeatureSet)
+        for name in FIELDS:
+            array = getattr(self, name)[mask]
+            array.flags.writeable = False
+            object.__setattr__(some, name, array)
+        return some
 
     def transformed(self, pose: Pose) -> FeatureSet:
         """The features in another frame: ``camera = model.transformed(camera_T_model)``.

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -70,7 +71,7 @@ class Weighed:
     rivals: tuple[Weighed, ...] = ()
     twice: float = 0.0
 
-    @property
+    @cached_property
     def evidence(self) -> float:
         """Nats, of features and images together."""
         nats = self.hypothesis.evidence, self.shown.log_ratio - self.twice, log_ratio(self.surface or ())
