@@ -362,7 +362,8 @@ def fitted(sight: Sight, views: Views) -> Steps:
         fit_steps(image, outline, beside[rows], Quality(tone, blur, noise, walk, shaded), out[rows])
         settle_slopes(sight.placed.group[rows], slope, shaded, out[rows])
 
-    spread(fit, range(len(views)))
+    # What an image is like takes long to tell; fits alone do not, and threads would take as long to begin.
+    spread(fit, range(len(views)), 1 if views.look.any(axis=1).all() else None)
     known = np.isfinite(out[:, 0])
     offset, variance = (np.where(known, out[:, k], other) for k, other in enumerate((0.0, 1.0)))
     return Steps(offset[:, None], known.astype(np.int32), variance)

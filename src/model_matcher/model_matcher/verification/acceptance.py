@@ -110,8 +110,8 @@ def _grouped(problem: Problem, refined: Refined, order: list[int], common: np.nd
                 continue
             alike = int(scores[k]) >= int(scores[head]) and shared == total == shared_data[head][head]
             if alike and residuals[k] <= 1.5 * residuals[head] + ROUNDING:
-                poses = [as_pose(refined.motions[other]) for other in (head, *others)]
-                if not any(near(problem.index, as_pose(refined.motions[k]), pose) for pose in poses):
+                mine, *poses = (as_pose(refined.motions[other]) for other in (k, head, *others))
+                if not any(near(problem.index, mine, pose) for pose in poses):
                     others.append(k)
                 groups.repeated.add(k)
             else:
