@@ -172,6 +172,21 @@ def test_a_rim_is_no_second_witness_of_itself(pulley):
         assert (told.evidence < one.evidence) == (len(some) == 1)
 
 
+def test_what_images_speak_against_stays_where_it_is_whatever_turn_it_leaves(pulley):
+    """Far from what it needs; with all of it, it is drawn in from where features have it."""
+    index, shape, pose, views = pulley
+    index = index_model(index.features, 'pulley', shape)
+    rims = index.features.select(np.flatnonzero(index.features.radii[:, 0] > 0.04)).transformed(pose)
+    problem = make_problem(index, rims, MatchParams())
+    found = replace(match(index, rims).rejected[0], symmetric_poses=())
+    assert found.free_turn is not None
+    for shift, stays in ((0.03, True), (0.0005, False)):
+        one = replace(found, pose=Pose(np.eye(3), [shift, 0.0, 0.0]).compose(found.pose), evidence=0.0)
+        seen = image_evidence.weigh(problem, shape, one, views, needed=7.0)
+        assert np.array_equal(seen.motion, as_motion(one.pose)) == stays
+        assert (seen.evidence > 0.0) != stays
+
+
 def test_no_turn_is_the_outline_as_it_is(pulley):
     _, shape, pose, views = pulley
     sight = look(shape, pose, views)

@@ -81,7 +81,7 @@ def _look_of(steps: _Steps) -> tuple[float, float, float]:
     walk = _told_walk(steps, blur, out)
     # What the slopes spread beyond what noise and walk make of none.
     slope = float(np.nanmean(out[:, 4] ** 2 - out[:, 5]))
-    return blur, walk, math.sqrt(max(slope, LEAST_SLOPE**2))
+    return blur, walk, math.sqrt(slope) if slope > LEAST_SLOPE**2 else LEAST_SLOPE
 
 
 @njit(nogil=True)

@@ -44,7 +44,6 @@ from .settings import (
     OTHERS_EDGES,
     REACH,
     SEEN_STEP,
-    SPACING,
     TO_ERROR,
     TONES,
 )
@@ -252,7 +251,7 @@ def drawn_to(views: Views) -> float:
     return max(ON_EDGE, float(views.look[:, 0].max()))
 
 
-def presence(shape: Shape, pose: Pose, views: Views, spacing: float = SPACING) -> Presence:
+def presence(shape: Shape, pose: Pose, views: Views) -> Presence:
     """Whether images show an outline at a pose.
 
     Parameters
@@ -261,14 +260,12 @@ def presence(shape: Shape, pose: Pose, views: Views, spacing: float = SPACING) -
     pose : Pose
         first_T_model, laid on the images.
     views : Views
-    spacing : float
-        Pixels between neighbouring points of the outline.
 
     Returns
     -------
     Presence
     """
-    return shown(look(shape, pose, views, spacing), views)[0]
+    return shown(look(shape, pose, views), views)[0]
 
 
 def shown(

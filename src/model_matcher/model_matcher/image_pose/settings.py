@@ -20,8 +20,8 @@ REACH = 8
 # Pixels to either side of a step that its fit takes in, at most: the flanks must say what the levels are.
 FLANK = 4
 # Grey levels for a root of a pixel, sigma of the walk that shade, print and grain make beside a step: what is believed
-# while the blur is looked for, and what is tried, from less than the noise of a good camera to strong print; and fits
-# between which of these it lies, at most.
+# while the blur is looked for, and what is tried, from less than the noise of a good camera to strong print; and how
+# many of these, at most.
 FIRST_WALK = 4.0
 WALKS = tuple(0.03125 * 2.0 ** (0.5 * k) for k in range(19))
 WALK_TURNS = 6
