@@ -25,6 +25,7 @@ from .catalogue.build import indexed_model, write_catalogue
 from .catalogue.candidates import candidates
 from .catalogue.catalogue import Catalogue, open_catalogue
 from .catalogue.settings import FILE_NAME
+from .geometry.features import PairTable
 from .geometry.line_pairs import rank_pairs
 from .geometry.pose_rows import as_motion
 from .geometry.settings import PARALLEL_SINE
@@ -248,12 +249,15 @@ def _search(
     Every second pair is tried by itself, with half of the patience, and what both have found is put together: it does
     not depend on threads.
     """
-    parts = spread(
-        lambda part: _search_some(
-            problem, np.ascontiguousarray(pairs[part::SIDE_BY_SIDE]), partners, begin[part], patience, deadline
-        ),
-        range(SIDE_BY_SIDE),
-    )
+    # Before threads begin, each of which would make it.
+    table = distinct_pairs(problem.index)
+    wait = Patience(patience.least / SIDE_BY_SIDE, patience.most / SIDE_BY_SIDE)
+
+    def some(part: int) -> _Found:
+        mine = np.ascontiguousarray(pairs[part::SIDE_BY_SIDE])
+        return _search_some(problem, table, (mine, partners), begin[part], wait, deadline)
+
+    parts = spread(some, range(SIDE_BY_SIDE))
     found, *others = sorted(parts, key=lambda one: -float(one.scores[0]))
     for other in others:
         merge(Candidates(other.motions, other.scores), problem.model, Candidates(found.motions, found.scores))
@@ -265,21 +269,24 @@ def _search(
 
 
 def _search_some(
-    problem: Problem, pairs: Int32Array, partners: Int32Array, begin: int, patience: Patience, deadline: Deadline
+    problem: Problem,
+    table: PairTable,
+    ranked: tuple[Int32Array, Int32Array],
+    begin: int,
+    patience: Patience,
+    deadline: Deadline,
 ) -> _Found:
-    """Try every so many-th of the ranked pairs from one of them on, with so much of the patience."""
-    about = pairs, partners, problem.model, distinct_pairs(problem.index), problem.features, SEARCH_WIDTH
-    wait = Patience(patience.least / SIDE_BY_SIDE, patience.most / SIDE_BY_SIDE)
+    """Try ranked pairs, with their partners, from one of them on; table : of the model's pairs."""
+    pairs, partners = ranked
+    about = pairs, partners, problem.model, table, problem.features, SEARCH_WIDTH
     some = Candidates(np.zeros((PERIODIC * CANDIDATES, 12)), np.zeros(PERIODIC * CANDIDATES))
-    state, stopped = np.array([0, 0, begin, 0]), 'exhausted'
+    state = np.array([0, 0, begin, 0])
     for first, last in blocks(len(pairs), deadline, begin):
-        search_pairs(*about, first, last, wait, some, state)
+        search_pairs(*about, first, last, patience, some, state)
         if state[3]:
-            stopped = 'patience'
             break
-    else:
-        if state[2] < len(pairs) and deadline.passed:
-            stopped = 'time limit'
+    in_time = state[2] >= len(pairs) or not deadline.passed
+    stopped = 'patience' if state[3] else 'exhausted' if in_time else 'time limit'
     return _Found(*some, (int(state[2]),), int(state[0]), stopped)
 
 

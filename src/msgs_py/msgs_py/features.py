@@ -140,6 +140,10 @@ class FeatureSet:
             known = known_covariances(arrays['covariance'])
             bounds = _bounds(*(arrays[name][known] for name in ('kind', 'start', 'end', 'covariance')))
             arrays['err_par'][known], arrays['err_per'][known] = bounds
+        self._hold(arrays)
+
+    def _hold(self, arrays: dict[str, AnyArray]) -> None:
+        """Hold arrays that are known to make a set, of every one of FIELDS."""
         for name, array in arrays.items():
             array.flags.writeable = False
             object.__setattr__(self, name, array)
@@ -343,10 +347,7 @@ class FeatureSet:
             mask = mask.astype(np.intp)
         # Some of what has been looked at need not be looked at again.
         some = object.__new__(FeatureSet)
-        for name in FIELDS:
-            array = getattr(self, name)[mask]
-            array.flags.writeable = False
-            object.__setattr__(some, name, array)
+        some._hold({name: getattr(self, name)[mask] for name in FIELDS})
         return some
 
     def transformed(self, pose: Pose) -> FeatureSet:

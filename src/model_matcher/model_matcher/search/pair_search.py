@@ -157,7 +157,7 @@ def _place_of(model_pair: FloatArray, turn: float, step: float, size: float, p: 
 
 
 @njit(nogil=True)
-def has_waited(hypotheses: int, best: float, features: tuple[int, int], patience: tuple[float, float]) -> bool:
+def _has_waited(hypotheses: int, best: float, features: tuple[int, int], patience: tuple[float, float]) -> bool:
     """Whether so many hypotheses without a better pose than the best score are enough.
 
     features : of the data, and of the model; patience : see :func:`search_pairs`
@@ -276,6 +276,6 @@ def search_pairs(
         state[2] = p + 1
         if before != state[1]:
             continue
-        if has_waited(state[0] - state[1], scores[0], (n, model.rows.shape[0]), patience):
+        if _has_waited(state[0] - state[1], scores[0], (n, model.rows.shape[0]), patience):
             state[3] = 1
             return

@@ -37,5 +37,7 @@ def _follow_block() -> None:
     measure_pose(shape, start, views)
     tracker = Tracker(shape, start)
     for _ in range(2):
-        tracker.step(views, nearer=[sight])
+        tracker.step(views)
+    # Last, for its own outline hides all of it.
+    tracker.step(views, nearer=[sight])
     followed(corners_of(shape, start, sight, views), start, np.eye(6), shape.centre, views, FLANK)
