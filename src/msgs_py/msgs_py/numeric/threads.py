@@ -94,25 +94,26 @@ def spread(work: Callable[[Item], Result], items: Sequence[Item], most: int | No
     if workers < 2:
         return [work(item) for item in items]
     results: list[Result | None] = [None] * len(items)
+    waiting = iter(range(len(items)))
 
-    def share(first: int) -> None:
-        # Every thread takes each so many-th item: handing out single ones would cost more than a small one takes.
-        results[first::workers] = [work(item) for item in items[first::workers]]
+    def share() -> None:
+        # Whoever is free takes the next: some take much longer than others.
+        for number in waiting:
+            results[number] = work(items[number])
 
-    others = [(first, _pool().submit(share, first)) for first in range(1, workers)]
-    errors = [_raised_by(share, 0)]
-    for first, other in reversed(others):
-        # What no thread has begun is done here, so that none waits for ever: work may spread further.
-        errors.append(_raised_by(share, first) if other.cancel() else other.exception())
+    others = [_pool().submit(share) for _ in range(1, workers)]
+    errors = [_raised_by(share)]
+    # One that no thread has begun is not waited for: work may spread further.
+    errors += [other.exception() for other in reversed(others) if not other.cancel()]
     for error in errors:
         if error is not None:
             raise error
     return results  # type: ignore[return-value]
 
 
-def _raised_by(share: Callable[[int], None], first: int) -> BaseException | None:
+def _raised_by(work: Callable[[], None]) -> BaseException | None:
     try:
-        share(first)
+        work()
     except Exception as error:
         return error
     return None
