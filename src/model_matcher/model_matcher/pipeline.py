@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -169,14 +169,12 @@ def _match_hypotheses(
     parts: list[tuple[Refined, _Found]] = []
     for least in (PATIENCE.least, math.inf):
         begin = parts[-1][1].done if parts else (0,) * SIDE_BY_SIDE
-        found = _search(problem, pairs, partners, begin, Patience(least, PATIENCE.most), searching)
-        # Edges among themselves are many: they are asked when nothing else has brought an answer.
+        # Parallel edges among themselves are many: they are asked when nothing else has brought an answer.
         seen = views is not None and index.shape is not None
-        tried = search_all_parallel(problem, bool(parts), Candidates(found.motions, found.scores), searching, seen)
+        more = partial(_search_parallel, problem, bool(parts), searching, seen)
+        found = _search(problem, (pairs, partners), begin, Patience(least, PATIENCE.most), searching, more)
         few = kept(found.scores)
-        found = found._replace(
-            motions=found.motions[:few], scores=found.scores[:few], hypotheses=found.hypotheses + tried
-        )
+        found = found._replace(motions=found.motions[:few], scores=found.scores[:few])
         refined = refine_all(problem, found.motions, found.scores, params, deadline=deadline.share(SHARES.refining))
         parts.append((refined, found))
         if (
@@ -238,26 +236,29 @@ class _Found(NamedTuple):
 
 def _search(
     problem: Problem,
-    pairs: Int32Array,
-    partners: Int32Array,
+    ranked: tuple[Int32Array, Int32Array],
     begin: tuple[int, ...],
     patience: Patience,
     deadline: Deadline,
+    more: Callable[[], _Found],
 ) -> _Found:
-    """Try the ranked pairs from where an earlier search left off; begin : see :class:`_Found`.
+    """Try the ranked pairs, with their partners, from where an earlier search left off, and search for more beside.
 
-    Every second pair is tried by itself, with half of the patience, and what both have found is put together: it does
-    not depend on threads.
+    Every second pair is tried by itself, with half of the patience, and what all have found is put together: it does
+    not depend on threads. begin : see :class:`_Found`; more : another search
     """
     # Before threads begin, each of which would make it.
     table = distinct_pairs(problem.index)
     wait = Patience(patience.least / SIDE_BY_SIDE, patience.most / SIDE_BY_SIDE)
+    pairs, partners = ranked
 
     def some(part: int) -> _Found:
+        if part == SIDE_BY_SIDE:
+            return more()
         mine = np.ascontiguousarray(pairs[part::SIDE_BY_SIDE])
         return _search_some(problem, table, (mine, partners), begin[part], wait, deadline)
 
-    parts = spread(some, range(SIDE_BY_SIDE))
+    parts = spread(some, range(SIDE_BY_SIDE + 1))
     found, *others = sorted(parts, key=lambda one: -float(one.scores[0]))
     for other in others:
         merge(Candidates(other.motions, other.scores), problem.model, Candidates(found.motions, found.scores))
@@ -266,6 +267,12 @@ def _search(
         hypotheses=sum(one.hypotheses for one in parts),
         stopped_by=max((one.stopped_by for one in parts), key=('exhausted', 'patience', 'time limit').index),
     )
+
+
+def _search_parallel(problem: Problem, edges: bool, deadline: Deadline, seen: bool) -> _Found:
+    """Try pairs of parallel data; see :func:`.search.parallel_search.search_all_parallel`."""
+    some = _no_candidates()
+    return _Found(*some, (), search_all_parallel(problem, edges, some, deadline, seen), 'exhausted')
 
 
 def _search_some(
@@ -279,7 +286,7 @@ def _search_some(
     """Try ranked pairs, with their partners, from one of them on; table : of the model's pairs."""
     pairs, partners = ranked
     about = pairs, partners, problem.model, table, problem.features, SEARCH_WIDTH
-    some = Candidates(np.zeros((PERIODIC * CANDIDATES, 12)), np.zeros(PERIODIC * CANDIDATES))
+    some = _no_candidates()
     state = np.array([0, 0, begin, 0])
     for first, last in blocks(len(pairs), deadline, begin):
         search_pairs(*about, first, last, patience, some, state)
@@ -288,6 +295,11 @@ def _search_some(
     in_time = state[2] >= len(pairs) or not deadline.passed
     stopped = 'patience' if state[3] else 'exhausted' if in_time else 'time limit'
     return _Found(*some, (int(state[2]),), int(state[0]), stopped)
+
+
+def _no_candidates() -> Candidates:
+    """Room for as many as a search keeps."""
+    return Candidates(np.zeros((PERIODIC * CANDIDATES, 12)), np.zeros(PERIODIC * CANDIDATES))
 
 
 def _neighbours(rows: np.ndarray, longest: float, deadline: Deadline) -> tuple[np.ndarray, bool]:

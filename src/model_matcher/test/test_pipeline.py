@@ -291,11 +291,19 @@ def test_a_search_that_is_given_up_goes_on_where_it_was(seed):
     problem = make_problem(model, make_scene(model.features, seed, clutter=0.85).data, MatchParams())
     pairs, partners = rank_pairs(problem.rows, np.zeros((0, 0), np.int32), model.size, 24)
     begin, hypotheses = (0, 0), []
+
+    def no_more():
+        return pipeline._Found(*pipeline._no_candidates(), (), 0, 'exhausted')
+
+    def search(begin, most):
+        patience = pipeline.Patience(most, most)
+        return pipeline._search(problem, (pairs, partners), begin, patience, Deadline(), no_more)
+
     for most in (500.0, 1000.0, np.inf):
-        found = pipeline._search(problem, pairs, partners, begin, pipeline.Patience(most, most), Deadline())
+        found = search(begin, most)
         assert all(now >= before for now, before in zip(found.done, begin))
         begin = found.done
         hypotheses.append(found.hypotheses)
     assert sum(begin) == len(pairs) and found.stopped_by == 'exhausted'
-    whole = pipeline._search(problem, pairs, partners, (0, 0), pipeline.Patience(np.inf, np.inf), Deadline())
+    whole = search((0, 0), np.inf)
     assert whole.hypotheses == sum(hypotheses) and whole.stopped_by == 'exhausted'
