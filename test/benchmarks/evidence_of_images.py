@@ -29,7 +29,8 @@ from true_poses import ALIKE, Part, PosedPair, difference, parts_of, posed_names
 
 from model_matcher import MatchParams
 from model_matcher.geometry.pose_rows import as_pose
-from model_matcher.image_pose.measurement import Presence, ends_seen, searched
+from model_matcher.image_pose.ends import ends_seen
+from model_matcher.image_pose.measurement import Presence, searched
 from model_matcher.image_pose.presence import bent, chance_beside, over_views
 from model_matcher.image_pose.settings import (
     ENDS_OF_OTHERS,
@@ -193,7 +194,9 @@ def _best(posed: PosedPair, part: Part, features: FeatureSet, views: Views, trai
     best = max(looked, key=lambda one: one.evidence)
     nats = float(best.hypothesis.evidence), float(best.shown.log_ratio)
     faces = [(face.agree, face.looked) for face in best.surface or ()]
-    ends = ends_seen(best.shown.sight, best.shown.found, views)
+    sight = best.shown.sight
+    is_bent = bent(sight.placed.point, sight.placed.curve, sight.limb)
+    ends = ends_seen(views.pictures, sight.placed, sight.spacing, sight.stretch, best.shown.found, is_bent)
     return Best(*about, *nats, faces, train, _curves(best.shown, views), ends)
 
 

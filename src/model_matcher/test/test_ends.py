@@ -8,8 +8,9 @@ import pytest
 
 from csg_renderer import Solid, SolidOutline
 from model_matcher.image_pose.alignment import Placed
-from model_matcher.image_pose.ends import gone_on, log_ratio, past_ends
-from model_matcher.image_pose.measurement import ends_seen, presence
+from model_matcher.image_pose.ends import ends_seen, gone_on, log_ratio, past_ends
+from model_matcher.image_pose.measurement import presence
+from model_matcher.image_pose.presence import bent
 from model_matcher.image_pose.settings import PAST_END
 from model_matcher.image_pose.sight import Sight
 from model_matcher.image_pose.views import Views
@@ -39,25 +40,41 @@ def seen(sight):
     return np.ones(len(sight), np.int8)
 
 
+def of(sight):
+    """Which curves of a sight are bent."""
+    return bent(sight.placed.point, sight.placed.curve, sight.limb)
+
+
+def past(sight, found):
+    """Pixels past the ends of a sight."""
+    return past_ends(sight.placed, sight.spacing, found, of(sight))[1]
+
+
+def on_and_all(there, views):
+    """Ends of what is shown past which an edge goes on, and all that are known."""
+    sight = there.sight
+    return ends_seen(views.pictures, sight.placed, sight.spacing, sight.stretch, there.found, of(sight))
+
+
 @pytest.mark.parametrize('angle', [0.0, 1.0, 2.5, 4.0])
 def test_past_both_ends_a_line_is_looked_for_where_it_would_go_on(angle):
     along, start = np.array([np.cos(angle), np.sin(angle)]), np.array([100.0, 80.0])
-    past = past_ends(sight := lines((start, start + 40.0 * along)), seen(sight))
-    of_end = (past.placed.pixel - start) @ along
+    pixel = past(sight := lines((start, start + 40.0 * along)), seen(sight))
+    of_end = (pixel - start) @ along
     before = 0.5 * 4.0
     expected = [*(before - np.array(PAST_END)), *(40.0 - before + np.array(PAST_END))]
     np.testing.assert_allclose(of_end, expected, atol=1e-9)
-    np.testing.assert_allclose((past.placed.pixel - start) @ [-along[1], along[0]], 0.0, atol=1e-9)
+    np.testing.assert_allclose((pixel - start) @ [-along[1], along[0]], 0.0, atol=1e-9)
 
 
 def test_where_the_outline_passes_nothing_is_said():
     """Neither past a corner whose other side goes on in line, nor past one end of a line that another crosses there."""
     corner = lines(((100, 80), (140, 80)), ((140, 80), (140, 120)))
-    assert len(past_ends(corner, seen(corner))) == 4 * N_PAST
+    assert len(past(corner, seen(corner))) == 4 * N_PAST
     in_line = lines(((100, 80), (140, 80)), ((142, 80), (180, 80)))
-    assert len(past_ends(in_line, seen(in_line))) == 2 * N_PAST
+    assert len(past(in_line, seen(in_line))) == 2 * N_PAST
     crossed = lines(((100, 80), (140, 80)), ((145, 60), (145, 100)))
-    assert len(past_ends(crossed, seen(crossed))) == 3 * N_PAST
+    assert len(past(crossed, seen(crossed))) == 3 * N_PAST
 
 
 def test_past_an_end_that_may_be_hidden_nothing_is_looked_for():
@@ -65,9 +82,9 @@ def test_past_an_end_that_may_be_hidden_nothing_is_looked_for():
     for row in (0, 1):
         found = seen(sight)
         found[row] = 0
-        past = past_ends(sight, found)
-        assert len(past) == N_PAST and (past.placed.pixel[:, 0] > 140.0).all()
-    assert len(past_ends(sight, np.zeros(len(sight), np.int8))) == 0
+        pixel = past(sight, found)
+        assert len(pixel) == N_PAST and (pixel[:, 0] > 140.0).all()
+    assert len(past(sight, np.zeros(len(sight), np.int8))) == 0
 
 
 def test_an_end_counts_where_all_points_past_it_are_in_the_picture():
@@ -97,7 +114,7 @@ def test_a_plate_laid_on_squares_of_a_board_has_less_evidence_than_one_that_lies
     of_plate, of_board = (Views.of((cv2.GaussianBlur(one, (0, 0), 0.7),), camera) for one in (plate, board))
     there, not_there = presence(shape, pose, of_plate), presence(shape, pose, of_board)
     assert there.support > 0.9 and not_there.support > 0.9, 'both have a step at every point'
-    gone, ends = ends_seen(not_there.sight, not_there.found, of_board)
+    gone, ends = on_and_all(not_there, of_board)
     assert gone == ends >= 4.0
-    assert ends_seen(there.sight, there.found, of_plate)[0] == 0.0
+    assert on_and_all(there, of_plate)[0] == 0.0
     assert there.log_ratio > not_there.log_ratio + 3.0

@@ -16,19 +16,12 @@ from csg_renderer.raycast.sensor import SensorModel
 from model_matcher import MatchParams, index_model, match
 from model_matcher.geometry.pose_rows import as_motion
 from model_matcher.image_pose.alignment import Placed
+from model_matcher.image_pose.finding import find_steps
 from model_matcher.image_pose.image_quality import look_of
 from model_matcher.image_pose.measurement import drawn_in, measure_pose, polished, presence
 from model_matcher.image_pose.model_error import FIRST_ERROR, fitted_model_error
 from model_matcher.image_pose.presence import Chance, behind_screens, bent, log_ratio
-from model_matcher.image_pose.profiles import (
-    FITTED,
-    Quality,
-    Stretches,
-    find_steps,
-    fit_profiles,
-    fit_steps,
-    profiles_of,
-)
+from model_matcher.image_pose.profiles import FITTED, Quality, Stretches, fit_profiles, fit_steps, profiles_of
 from model_matcher.image_pose.settings import (
     BESIDE,
     CANDIDATES,

@@ -11,9 +11,10 @@ from scipy.ndimage import map_coordinates
 from scipy.special import ndtr
 
 from model_matcher.image_pose.alignment import Placed
+from model_matcher.image_pose.finding import _straight_profile
 from model_matcher.image_pose.neighbours import may_hide, neighbours, own_step
 from model_matcher.image_pose.presence import crowded, overlap
-from model_matcher.image_pose.profiles import _normal_integral, _step_rows, _straight_profile, pixel_profile
+from model_matcher.image_pose.profiles import _normal_integral, _step_rows, pixel_profile
 from model_matcher.image_pose.settings import FLANK, SPACING
 
 

@@ -8,7 +8,6 @@ curve, it is looked for there; where the outline itself passes, nothing is said.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -17,39 +16,36 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int8Array, Int32Array
 
 from .alignment import Placed
 from .counts import beta_binomial
+from .finding import Pictures, steps_about
 from .neighbours import beside_box, curve_boxes, own_step
-from .presence import bent
-from .settings import ENDS_OF_OTHERS, ENDS_OF_OWN, ON_EDGE, PAST_END
-from .sight import Sight
+from .presence import confirmations
+from .settings import ENDS_OF_OTHERS, ENDS_OF_OWN, ON_EDGE, PAST_END, REACH
 
 
-def past_ends(sight: Sight, found: Int8Array) -> Sight:
+@njit(nogil=True)
+def past_ends(
+    placed: Placed, spacing: FloatArray, found: Int8Array, is_bent: BoolArray
+) -> tuple[Int32Array, FloatArray]:
     """Points past the ends of an outline's straight curves, len(PAST_END) past each, those of an end together.
 
     Parameters
     ----------
-    sight : Sight
+    placed : Placed
         n points.
+    spacing : (n,) float64
+        Pixels of the outline that each stands for.
     found : (n,) int8
         Which are confirmed, see :func:`.presence.confirmations`. Past an end whose two last points are not, nothing is
         looked for: something may stand before it.
+    is_bent : (c,) bool
+        See :func:`.presence.bent`.
 
     Returns
     -------
-    Sight
-        What is said of a point is said of its end, but for the pixel.
+    end : (m,) int32
+        Of each the point of the outline that is the end.
+    pixel : (m, 2) float64
     """
-    is_bent = bent(sight.placed.point, sight.placed.curve, sight.limb)
-    end, pixel = _past_ends(sight.placed, sight.spacing, found, is_bent)
-    past = sight.select(end)
-    return replace(past, placed=past.placed._replace(pixel=pixel))
-
-
-@njit(nogil=True)
-def _past_ends(
-    placed: Placed, spacing: FloatArray, found: Int8Array, is_bent: BoolArray
-) -> tuple[Int32Array, FloatArray]:
-    """Of each point of :func:`past_ends` the point that is the end (m,), and its pixel (m, 2)."""
     begin, box = curve_boxes(placed)
     most = 2 * len(PAST_END) * len(box)
     end, pixel = np.empty(most, np.int32), np.empty((most, 2))
@@ -91,16 +87,46 @@ def _on_outline(
     return False
 
 
+@njit(nogil=True)
+def ends_seen(
+    pictures: Pictures, placed: Placed, spacing: FloatArray, stretch: FloatArray, found: Int8Array, is_bent: BoolArray
+) -> tuple[float, float]:
+    """Ends of an outline past which an edge goes on, and all of which that is known; see :func:`gone_on`.
+
+    pictures, stretch : see :func:`.finding.steps_about`; the others : see :func:`past_ends`
+    """
+    end, pixel = past_ends(placed, spacing, found, is_bent)
+    past = Placed(
+        placed.point[end],
+        placed.eye[end],
+        pixel,
+        placed.normal[end],
+        placed.group[end],
+        placed.curve[end],
+        placed.abscissa[end],
+        placed.slope[end],
+    )
+    steps = steps_about(pictures, past, stretch[end], REACH + 1)
+    gone, known = gone_on(confirmations(steps.offset, steps.number, 0.0), len(pictures.sizes))
+    return gone, known
+
+
+@njit(nogil=True)
 def gone_on(confirmed: Int8Array, n_views: int) -> tuple[float, float]:
     """Ends past which an edge goes on, and all that are known of, a view: what one shows of an end the others do, too.
 
     confirmed : (m,) int8, of the points of :func:`past_ends`; all of an end say that an edge goes on
     """
-    of_end = confirmed.reshape(-1, len(PAST_END))
-    of_end = of_end[(of_end >= 0).all(axis=1)]
-    return float(of_end.all(axis=1).sum()) / n_views, len(of_end) / n_views
+    each = len(PAST_END)
+    gone, known = 0, 0
+    for first in range(0, len(confirmed), each):
+        of_end = confirmed[first : first + each]
+        known += of_end.min() >= 0
+        gone += of_end.min() > 0
+    return gone / n_views, known / n_views
 
 
+@njit(nogil=True)
 def log_ratio(gone: float, ends: float) -> float:
     """Nats: log-likelihood ratio of edges that go on past so many of their ends, the object's own against others'."""
     ratio: float = beta_binomial(gone, ends, ENDS_OF_OWN) - beta_binomial(gone, ends, ENDS_OF_OTHERS)

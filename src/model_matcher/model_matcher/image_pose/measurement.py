@@ -18,20 +18,21 @@ import numpy as np
 
 from msgs_py import Pose
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.settings import BOUND_SIGMA, DECISIVE
+from msgs_py.numeric.settings import DECISIVE
 from msgs_py.numeric.threads import spread
 from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
 from ..geometry.least_squares import covariances
 from ..geometry.pose_rows import as_motion, as_pose
 from ..geometry.settings import NOT_ZERO
-from .alignment import Prior, Steps, align, moved_by
-from .ends import gone_on, log_ratio, past_ends
+from .alignment import Placed, Prior, Steps, align, moved_by
+from .ends import ends_seen, log_ratio
+from .finding import Pictures, steps_about
 from .image_quality import look_of
 from .model_error import FIRST_ERROR, NO_ERROR, ModelError, settled
 from .neighbours import may_hide, neighbours
-from .presence import confirmations, shown_outline
-from .profiles import FITTED, Quality, Stretches, find_steps, fit_steps
+from .presence import bent, shown_outline
+from .profiles import FITTED, Quality, Stretches, fit_steps
 from .settings import (
     CANDIDATES,
     DRAWN_ANEW,
@@ -39,6 +40,7 @@ from .settings import (
     FEWEST_POINTS,
     FIRST_SLOPE,
     FLANK,
+    LONGEST_FIT_STEP,
     MOST_MOVED,
     ON_EDGE,
     OTHERS_EDGES,
@@ -185,7 +187,7 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
 
     Steps are fitted where the outline is drawn: if the pose moves it farther than steps are told from, and than its
     curves are found to be off themselves, it is drawn anew. What images are like that nothing is known of yet is told
-    anew as well: a pixel off their edges, any of it may seem to be so.
+    anew as well where it has moved by much: a pixel off their edges, any of it may seem to be so.
 
     Whether the camera codes light by a tone curve is not said in an image. A wrong curve moves every step to its dark
     side, and which side that is differs from edge to edge: the right one leaves the outline less to be off.
@@ -196,7 +198,7 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
         outline = outline_of(shape, as_pose(motion), views.cameras, views.poses)
         sight = drawn(outline, motion, shape.centre, views)
         if len(sight) < FEWEST_POINTS:
-            return _nothing(motion, Presence(-np.inf, 0.0, sight, np.zeros(len(sight), np.int8)))
+            return _nothing(motion, _unseen(sight))
         density = elsewhere(searched(sight, views, FLANK), FLANK)
         if not tones:
             found = _laid_on_fitted(shape, motion, sight, density, views)
@@ -207,13 +209,16 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
             found, tones = laid_on[best], tones[best : best + 1] if decided else tones
             views.take_over(coded[best].quality)
         motion = found.motion
-        off = math.hypot(found.error.curve, found.error.view)
-        if not moved_by(motion, views.rows, sight.placed) > max(MOST_MOVED, off):
+        off, moved = math.hypot(found.error.curve, found.error.view), moved_by(motion, views.rows, sight.placed)
+        if not moved > max(MOST_MOVED, off):
             break
+        if moved < LONGEST_FIT_STEP:
+            # So near, the steps told as much of the images as they will.
+            tones = ()
     pose = as_pose(motion)
     arm = (pose.translation - pose.apply(shape.centre))[None]
     covariance = covariances(found.normal[None], np.ones(1), arm, shape.size)[0]
-    there = shown(drawn(outline, motion, shape.centre, views), views)[0]
+    there = shown(drawn(outline, motion, shape.centre, views), views)
     return ImagePose(pose, covariance, there, found.residual, found.weight, found.error)
 
 
@@ -265,56 +270,50 @@ def presence(shape: Shape, pose: Pose, views: Views) -> Presence:
     -------
     Presence
     """
-    return shown(look(shape, pose, views), views)[0]
+    return shown(look(shape, pose, views), views)
 
 
-def shown(
-    sight: Sight,
-    views: Views,
-    in_space: tuple[float, float] = OTHERS_EDGES,
-    steps: Steps | None = None,
-    screened: bool = True,
-) -> tuple[Presence, Steps]:
-    """Whether images show an outline where it is drawn, and the steps about it; see :func:`presence`.
-
-    in_space : see :func:`.presence.shown_outline`; steps : those along the normals, where they are known
-    screened : something straight may stand in front, and what is seen may be longer; else the outline was seen before
-    """
-    steps = searched(sight, views, REACH + 1) if steps is None else steps
+def shown(sight: Sight, views: Views) -> Presence:
+    """Whether images show an outline where it is drawn; see :func:`presence`."""
     if not len(sight):
-        return Presence(-np.inf, 0.0, sight, np.zeros(0, np.int8)), steps
-    ratio, support, found = shown_outline(sight.placed, sight.spacing, sight.limb, steps, in_space, screened)
-    if screened:
-        ratio += log_ratio(*ends_seen(sight, found, views))
-    return Presence(ratio, support, sight, found), steps
+        return _unseen(sight)
+    ratio, support, found = _shown(views.pictures, sight.placed, sight.spacing, sight.stretch, sight.limb)
+    return Presence(ratio, support, sight, found)
 
 
-def ends_seen(sight: Sight, found: Int8Array, views: Views) -> tuple[float, float]:
-    """Ends of an outline past which an edge goes on, and all of which that is known; see :func:`.ends.gone_on`."""
-    past = past_ends(sight, found)
-    steps = searched(past, views, REACH + 1)
-    return gone_on(confirmations(steps.offset, steps.number, 0.0), len(views))
+@njit(nogil=True)
+def _shown(
+    pictures: Pictures, placed: Placed, spacing: FloatArray, stretch: FloatArray, limb: FloatArray
+) -> tuple[float, float, Int8Array]:
+    """See :func:`.presence.shown_outline`; something straight may stand in front, and edges may go on past ends."""
+    steps = steps_about(pictures, placed, stretch, REACH + 1)
+    is_bent = bent(placed.point, placed.curve, limb)
+    ratio, support, found = shown_outline(placed, spacing, is_bent, steps, OTHERS_EDGES, True)
+    gone, ends = ends_seen(pictures, placed, spacing, stretch, found, is_bent)
+    return ratio + log_ratio(gone, ends), support, found
+
+
+def still_shown(sight: Sight, steps: Steps, in_space: tuple[float, float]) -> Presence:
+    """Whether images show an outline that was seen before: nothing straight stands in front, nor is it a longer one.
+
+    steps : as :func:`searched` finds them within REACH and one; in_space : see :class:`.presence.Chance`
+    """
+    if not len(sight):
+        return _unseen(sight)
+    placed = sight.placed
+    is_bent = bent(placed.point, placed.curve, sight.limb)
+    ratio, support, found = shown_outline(placed, sight.spacing, is_bent, steps, in_space, False)
+    return Presence(ratio, support, sight, found)
+
+
+def _unseen(sight: Sight) -> Presence:
+    """Nothing of it can be."""
+    return Presence(-np.inf, 0.0, sight, np.zeros(len(sight), np.int8))
 
 
 def searched(sight: Sight, views: Views, reach: int) -> Steps:
     """The strongest steps within ``reach`` pixels of all points, along their normals."""
-    n = len(sight)
-    steps = Steps(np.full((n, CANDIDATES), np.nan), np.zeros(n, np.int32), np.zeros(n))
-    strength = np.empty((n, CANDIDATES))
-    for eye, image in enumerate(views.images):
-        rows = sight.rows(eye)
-        find_steps(
-            image,
-            sight.placed.pixel[rows],
-            sight.placed.normal[rows],
-            sight.stretch[rows],
-            reach,
-            BOUND_SIGMA * float(views.noise[eye]),
-            steps.offset[rows],
-            strength[rows],
-            steps.number[rows],
-        )
-    return steps
+    return Steps(*steps_about(views.pictures, sight.placed, sight.stretch, reach))
 
 
 def elsewhere(steps: Steps, reach: int) -> float:

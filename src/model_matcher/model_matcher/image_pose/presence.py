@@ -444,12 +444,7 @@ def behind_screens(placed: Placed, found: Int8Array, is_bent: BoolArray, chance:
 
 @njit(nogil=True)
 def shown_outline(
-    placed: Placed,
-    spacing: FloatArray,
-    limb: FloatArray,
-    steps: Steps,
-    in_space: tuple[float, float],
-    screened: bool = True,
+    placed: Placed, spacing: FloatArray, is_bent: BoolArray, steps: Steps, in_space: tuple[float, float], screened: bool
 ) -> tuple[float, float, Int8Array]:
     """What images show of an outline.
 
@@ -457,8 +452,10 @@ def shown_outline(
     ----------
     placed : Placed
         n points.
-    spacing, limb : (n,) float64
+    spacing : (n,) float64
         See :class:`.sight.Sight`.
+    is_bent : (c,) bool
+        See :func:`bent`.
     steps : Steps
         Found along their normals, as :func:`chance_beside` needs them.
     in_space : tuple of float
@@ -485,7 +482,6 @@ def shown_outline(
     for k, other in enumerate(crowded(placed)):
         if other:
             found[k] = -1
-    is_bent = bent(placed.point, placed.curve, limb)
     ratio = log_ratio(found, placed.group, placed.curve, is_bent, chance)
     if screened:
         ratio = _either(0.5, behind_screens(placed, found, is_bent, chance), ratio)

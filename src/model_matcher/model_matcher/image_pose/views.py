@@ -16,6 +16,7 @@ from msgs_py.numeric.settings import BOUND_SIGMA
 from msgs_py.numeric.typed import ByteArray, FloatArray, IntArray
 
 from ..geometry.settings import UNIFORM_VARIANCE
+from .finding import Pictures
 from .image_quality import Look
 from .settings import NOISE_ROWS, QUALITY_POINTS, REACH
 
@@ -117,6 +118,15 @@ class Views:
             for image, c in zip(images, self.cameras)
         ]
         return Views(images, cameras, self.poses)
+
+    @cached_property
+    def _pixels(self) -> ByteArray:
+        return np.concatenate([image.ravel() for image in self.images])
+
+    @property
+    def pictures(self) -> Pictures:
+        """The images as compiled functions take them."""
+        return Pictures(self._pixels, self.sizes, self.noise)
 
     def pyramid(self, search_px: float) -> list[Views]:
         """These and as many halvings of them as it takes until ``search_px`` pixels here are REACH there."""

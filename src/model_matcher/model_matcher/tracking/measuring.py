@@ -12,7 +12,7 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 from ..geometry.least_squares import covariances
 from ..geometry.settings import UNIFORM_VARIANCE
 from ..image_pose.alignment import Steps
-from ..image_pose.measurement import Presence, drawn_to, elsewhere, fitted, laid, own_steps, searched, shown
+from ..image_pose.measurement import Presence, drawn_to, elsewhere, fitted, laid, own_steps, searched, still_shown
 from ..image_pose.model_error import ModelError, settled
 from ..image_pose.settings import DRAWN_IN, FARTHEST_STEP, FEWEST_POINTS, FLANK, ON_EDGE, REACH, SPACING, TO_POSE
 from ..image_pose.sight import Outline, Shape, drawn
@@ -107,12 +107,13 @@ def searched_for(
         widths = np.array([width for width in DRAWN_IN if width <= 0.5 * reach + 1.0])
         laid(shape, motion, levels[level], sight, near, widths, elsewhere(near, reach), prior)
     there = drawn(seen, motion, shape.centre, views, SPACING)
-    if search_px <= FLANK and len(there) == len(sight):
+    if search_px > FLANK or len(there) != len(sight):
+        steps = searched(there, views, REACH + 1)
+    else:
         moved = ((there.placed.pixel - sight.placed.pixel) * sight.placed.normal).sum(axis=1)
-        if np.abs(moved).max(initial=0.0) <= 1.0:
-            steps = steps._replace(offset=steps.offset - moved[:, None])
-            return Place(motion, *shown(there, views, (RARE, RARE), steps, screened=False))
-    return Place(motion, *shown(there, views, (RARE, RARE), screened=False))
+        near = np.abs(moved).max(initial=0.0) <= 1.0
+        steps = steps._replace(offset=steps.offset - moved[:, None]) if near else searched(there, views, REACH + 1)
+    return Place(motion, still_shown(there, steps, (RARE, RARE)), steps)
 
 
 def within(steps: Steps, reach: int) -> Steps:

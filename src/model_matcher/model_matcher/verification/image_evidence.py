@@ -166,7 +166,7 @@ def _drawn_in(
             motion, sight = looked_for(shape, pose, views)
         else:
             motion, sight = laid_without_turn(shape, axis, pose, views)
-        return Weighed(_at(problem, hypothesis, motion), motion, shown(sight, views)[0])
+        return Weighed(_at(problem, hypothesis, motion), motion, shown(sight, views))
 
     # The first is drawn in whatever the time.
     some = spread(lambda k: None if k and deadline.passed else drawn(poses[k]), range(min(len(poses), DRAWN)))
@@ -301,8 +301,8 @@ def _all_weighed(
     index = problem.index
     weighed: list[Weighed] = []
     rejected: list[Interpretation] = []
-    # The best one often leaves no room for any other; those after it are looked at together.
-    for some in (hypotheses[:1], hypotheses[1:]):
+    # The best one often leaves no room for any other; there is one beside it, so that no processor waits for it.
+    for some in (hypotheses[:2], hypotheses[2:]):
         with_room = [one for one in some if not any(_leaves_no_room(index, other, one, needed) for other in weighed)]
         found = spread(
             lambda one: None if deadline.passed else weigh(problem, shape, one, views, deadline, needed), with_room
@@ -391,7 +391,7 @@ def _told_once(index: ModelIndex, one: Weighed, views: Views, needed: float) -> 
     if one.evidence < needed or one.hypothesis.matched != 1 or axis_of_revolution(index) is not None:
         return one
     others = ~np.isin(one.shown.sight.feature, _matched(one.hypothesis))
-    return replace(one, twice=one.shown.log_ratio - shown(one.shown.sight.select(others), views)[0].log_ratio)
+    return replace(one, twice=one.shown.log_ratio - shown(one.shown.sight.select(others), views).log_ratio)
 
 
 def _with_surface(shape: Shape, one: Weighed, views: Views, needed: float) -> Weighed:
