@@ -5,7 +5,8 @@ import pytest
 
 from model_matcher import index_model, match
 from model_matcher.closed_form.synthetic.scenes import box, chipped_block, l_shape, lattice, prism, random_pose, tubes
-from model_matcher.model.symmetry import distinct_pairs, symmetric_poses, symmetries
+from model_matcher.geometry.pose_rows import as_motion
+from model_matcher.model.symmetry import all_near, distinct_pairs, near, symmetric_poses, symmetries
 from msgs_py import FeatureSet, Pose
 
 
@@ -96,3 +97,14 @@ def test_match_lists_all_poses_of_a_symmetric_model():
     cube = box((0.05, 0.05, 0.05))
     best = match(cube, cube.transformed(random_pose(np.random.default_rng(2)))).best
     assert len(best.symmetric_poses) == 23
+
+
+def test_all_near_says_of_each_two_poses_what_near_says():
+    rng, index = np.random.default_rng(5), index_model(l_shape())
+    first = random_pose(rng)
+    turns = rng.normal(scale=0.01, size=(20, 3)) * rng.integers(0, 2, (20, 1))
+    shifts = rng.normal(scale=0.01 * index.size, size=(20, 3)) * rng.integers(0, 2, (20, 1))
+    poses = [first.compose(Pose.from_rotation_vector(turn, shift)) for turn, shift in zip(turns, shifts)]
+    expected = [[near(index, one, other) for other in poses] for one in poses]
+    assert 40 < np.sum(expected) < 360, 'some are, some are not'
+    np.testing.assert_array_equal(all_near(index, np.array([as_motion(pose) for pose in poses])), expected)

@@ -30,9 +30,12 @@ class Axis(NamedTuple):
 
     def distances(self, points: np.ndarray) -> np.ndarray:
         """How far points (n, 3) are from it, (n,) metres."""
-        off = points - self.point
-        away: np.ndarray = np.linalg.norm(off - np.outer(off @ self.direction, self.direction), axis=1)
-        return away
+        return self.across(points - self.point)
+
+    def across(self, vectors: np.ndarray) -> np.ndarray:
+        """Lengths of vectors (n, 3) across it, (n,)."""
+        across: np.ndarray = np.linalg.norm(vectors - np.outer(vectors @ self.direction, self.direction), axis=1)
+        return across
 
     def about(self, rotation: np.ndarray) -> Pose:
         """The motion that turns by a rotation (3, 3) and leaves the point where it is."""
@@ -118,9 +121,8 @@ def _where(motion: Pose, index: ModelIndex) -> np.ndarray:
 
 def about_axis(rows: np.ndarray, axis: Axis, size: float) -> np.ndarray:
     """Which features, rows (n, 9) of a model of that size, lie along an axis, or are circles about it, (n,) bool."""
-    tilt = np.linalg.norm(np.cross(rows[:, 3:6], axis.direction), axis=1)
     lever = np.maximum(rows[:, 6], np.nan_to_num(rows[:, 7]))
-    about: np.ndarray = axis.distances(rows[:, :3]) + tilt * lever <= EXACT * size
+    about: np.ndarray = axis.distances(rows[:, :3]) + axis.across(rows[:, 3:6]) * lever <= EXACT * size
     return about
 
 
@@ -207,6 +209,14 @@ def near(index: ModelIndex, a: Pose, b: Pose) -> bool:
     """Whether no end of the model is moved by more than 1 % of its size."""
     gap = a.apply(index.middle) - b.apply(index.middle)
     return bool(moved(np.sum(a.rotation * b.rotation), float(np.linalg.norm(gap)), index.size) < SAME)
+
+
+def all_near(index: ModelIndex, motions: np.ndarray) -> np.ndarray:
+    """Which of some poses (c, 12) are near which, (c, c) bool; see :func:`near`."""
+    middles = motions[:, :9].reshape(-1, 3, 3) @ index.middle + motions[:, 9:]
+    gaps = np.linalg.norm(middles[:, None] - middles, axis=2)
+    together: np.ndarray = moved(motions[:, :9] @ motions[:, :9].T, gaps, index.size) < SAME
+    return together
 
 
 def moved(trace: np.ndarray | float, gap: np.ndarray | float, size: float) -> np.ndarray:

@@ -15,7 +15,7 @@ from msgs_py import BIN, Interpretation
 from ..geometry.pose_rows import as_pose
 from ..geometry.settings import NOT_ZERO, ROUNDING
 from ..model.problem import Problem
-from ..model.symmetry import near, symmetric_poses
+from ..model.symmetry import all_near, symmetric_poses
 from ..params import MatchParams
 from .false_alarms import needed_evidence
 from .interpretations import as_interpretation, covered
@@ -101,6 +101,7 @@ def accept(
 def _grouped(problem: Problem, refined: Refined, order: list[int], common: np.ndarray) -> _Groups:
     """Put candidates together that explain the same data; common : (c, c) int, data that two candidates share."""
     scores, residuals, shared_data = refined.scores.tolist(), refined.residuals.tolist(), common.tolist()
+    same = all_near(problem.index, refined.motions)
     groups = _Groups({}, set(), {})
     for k in order:
         total = max(shared_data[k][k], 1)
@@ -110,8 +111,7 @@ def _grouped(problem: Problem, refined: Refined, order: list[int], common: np.nd
                 continue
             alike = int(scores[k]) >= int(scores[head]) and shared == total == shared_data[head][head]
             if alike and residuals[k] <= 1.5 * residuals[head] + ROUNDING:
-                mine, *poses = (as_pose(refined.motions[other]) for other in (k, head, *others))
-                if not any(near(problem.index, mine, pose) for pose in poses):
+                if not same[k, [head, *others]].any():
                     others.append(k)
                 groups.repeated.add(k)
             else:
