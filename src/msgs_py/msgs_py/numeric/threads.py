@@ -30,7 +30,8 @@ _idle: deque[SimpleQueue[Callable[[], object]]] = deque()
 
 @lru_cache(maxsize=1)
 def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(cores(), thread_name_prefix='beside')
+    # Who spreads work does a share of it.
+    return ThreadPoolExecutor(max(1, cores() - 1), thread_name_prefix='beside')
 
 
 # A forked child has none of these threads.
