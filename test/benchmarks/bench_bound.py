@@ -69,6 +69,8 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.seeds < 2:
         parser.error(f'--seeds: expected two or more, got {options.seeds}')
+    if options.finer < 0:
+        parser.error(f'--finer: expected 0 or more, got {options.finer}')
     jobs = {name: (name, options.seeds, options.finer) for name in view_names()}
     found = run_batch(errors_over_bound, jobs, options, f'bound {options.finer}', partial(warm_up, images=True))
     print(f'{"times the bound":18s} {"all":>7s} {"bias":>7s} {"scatter":>7s}')

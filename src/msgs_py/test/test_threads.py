@@ -70,6 +70,23 @@ def test_an_error_is_raised_when_all_are_done(item: int) -> None:
     assert done == [1 - item]
 
 
+def test_after_an_error_nobody_begins_another() -> None:
+    items = range(1_000_000)
+    done: list[int] = []
+    meeting = threading.Barrier(2, timeout=10.0)
+
+    def work(number: int) -> None:
+        if number < 2:
+            meeting.wait()  # each thread has one
+        if number == 0:
+            raise ValueError('item 0')
+        done.append(number)
+
+    with pytest.raises(ValueError, match='item 0'):
+        spread(work, items)
+    assert done[0] == 1 and len(done) < len(items) - 1
+
+
 def test_work_may_spread_further() -> None:
     assert spread(lambda k: sum(spread(lambda j: sum(spread(lambda i: i, range(3))), range(k))), range(5)) == [
         3 * k for k in range(5)

@@ -99,8 +99,12 @@ def spread(work: Callable[[Item], Result], items: Sequence[Item], most: int | No
 
     def share() -> None:
         # Whoever is free takes the next: some take much longer than others.
-        for number in waiting:
-            results[number] = work(items[number])
+        try:
+            for number in waiting:
+                results[number] = work(items[number])
+        finally:
+            # After an error nobody begins another.
+            deque(waiting, maxlen=0)
 
     others = [_pool().submit(share) for _ in range(1, workers)]
     errors = [_raised_by(share)]
