@@ -19,7 +19,7 @@ from functools import partial
 import numpy as np
 from batches import add_batch_options, run_batch
 from pose_bounds import pose_error
-from rendered_poses import rendered_pair, true_pose_and_bound, view_names
+from rendered_poses import rendered_pair, view_names
 
 from model_matcher.geometry.pose_rows import as_motion
 from model_matcher.image_pose.measurement import polished
@@ -33,12 +33,12 @@ def errors_over_bound(job: tuple[str, int, int]) -> list[list[float]]:
     job : the view's name, seeds, and finer pixels (see :func:`.rendered_poses.rendered_pair`)
     """
     name, seeds, finer = job
-    pose, bound = true_pose_and_bound(name, finer)
-    values, axes = np.linalg.eigh(bound.information)
-    whiten = (axes * np.sqrt(np.maximum(values, 0.0))).T
     rows = []
     for seed in range(seeds):
         posed = rendered_pair(name, seed, finer)
+        pose, bound = posed.instances[0].pose, posed.bounds[0]
+        values, axes = np.linalg.eigh(bound.information)
+        whiten = (axes * np.sqrt(np.maximum(values, 0.0))).T
         views = Views.of((posed.pair.left, posed.pair.right), posed.pair.rig)
         found = polished(posed.asked[0].index.shape, as_motion(pose), views)
         rows.append((whiten @ pose_error(pose, found.pose)).tolist())

@@ -23,8 +23,6 @@ from msgs_py import PinholeCamera, Pose
 RENDERED = 'rendered'
 # The views that the thesis prints; the widget's are ours.
 VIEW = re.compile(r'(?!widget)\w+_v[12]$')
-
-
 # Samples along each side of a pixel of a finer picture.
 FINE_SAMPLES = 8
 
@@ -59,12 +57,6 @@ def _fine(camera: PinholeCamera, finer: int) -> PinholeCamera:
     """A camera with so many pixels along each side of a pixel."""
     cx, cy = (finer * (centre + 0.5) - 0.5 for centre in (camera.cx, camera.cy))
     return PinholeCamera(finer * camera.width, finer * camera.height, finer * camera.fx, finer * camera.fy, cx, cy)
-
-
-def true_pose_and_bound(name: str, finer: int = 0) -> tuple[Pose, PoseBound]:
-    """Where the part of a view is, left_T_part, and the bound of its pose; finer : see :func:`rendered_pair`."""
-    ready, _, _, bound = _view(name, finer)
-    return ready.true_pose, bound
 
 
 def view_names() -> list[str]:

@@ -251,14 +251,11 @@ def _search(
     table = distinct_pairs(problem.index)
     wait = Patience(patience.least / SIDE_BY_SIDE, patience.most / SIDE_BY_SIDE)
     pairs, partners = ranked
-
-    def some(part: int) -> _Found:
-        if part == SIDE_BY_SIDE:
-            return more()
-        mine = np.ascontiguousarray(pairs[part::SIDE_BY_SIDE])
-        return _search_some(problem, table, (mine, partners), begin[part], wait, deadline)
-
-    parts = spread(some, range(SIDE_BY_SIDE + 1))
+    searches: list[Callable[[], _Found]] = []
+    for part in range(SIDE_BY_SIDE):
+        mine = np.ascontiguousarray(pairs[part::SIDE_BY_SIDE]), partners
+        searches.append(partial(_search_some, problem, table, mine, begin[part], wait, deadline))
+    parts = spread(lambda search: search(), [*searches, more])
     found, *others = sorted(parts, key=lambda one: -float(one.scores[0]))
     for other in others:
         merge(Candidates(other.motions, other.scores), problem.model, Candidates(found.motions, found.scores))

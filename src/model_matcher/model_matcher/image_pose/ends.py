@@ -96,17 +96,7 @@ def ends_seen(
     pictures, stretch : see :func:`.finding.steps_about`; the others : see :func:`past_ends`
     """
     end, pixel = past_ends(placed, spacing, found, is_bent)
-    past = Placed(
-        placed.point[end],
-        placed.eye[end],
-        pixel,
-        placed.normal[end],
-        placed.group[end],
-        placed.curve[end],
-        placed.abscissa[end],
-        placed.slope[end],
-    )
-    steps = steps_about(pictures, past, stretch[end], REACH + 1)
+    steps = steps_about(pictures, placed.eye[end], pixel, placed.normal[end], stretch[end], REACH + 1)
     gone, known = gone_on(confirmations(steps.offset, steps.number, 0.0), len(pictures.sizes))
     return gone, known
 

@@ -11,7 +11,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.settings import BOUND_SIGMA
 from msgs_py.numeric.typed import ByteArray, FloatArray, Int32Array
 
-from .alignment import Placed, Steps
+from .alignment import Steps
 from .settings import CANDIDATES, TAPS
 
 ONE = np.uint64(1)
@@ -38,14 +38,18 @@ class Pictures(NamedTuple):
 
 
 @njit(nogil=True)
-def steps_about(pictures: Pictures, placed: Placed, stretch: FloatArray, reach: int) -> Steps:
+def steps_about(
+    pictures: Pictures, eye: Int32Array, pixel: FloatArray, normal: FloatArray, stretch: FloatArray, reach: int
+) -> Steps:
     """The strongest steps within ``reach`` pixels of all points, along their normals.
 
     Parameters
     ----------
     pictures : Pictures
-    placed : Placed
-        n points.
+    eye : (n,) int32
+        View of each, ascending.
+    pixel, normal : (n, 2) float64
+        Points and unit normals.
     stretch : (n,) float64
         Pixels of the outline along which each is measured.
     reach : int
@@ -56,24 +60,24 @@ def steps_about(pictures: Pictures, placed: Placed, stretch: FloatArray, reach: 
         CANDIDATES places of each, not a number where there are fewer; their variances are 0, number -1 of points whose
         profile leaves the image.
     """
-    n = len(placed.eye)
+    n = len(eye)
     steps = Steps(np.full((n, CANDIDATES), np.nan), np.zeros(n, np.int32), np.zeros(n))
     strength = np.empty((n, CANDIDATES))
     begin, first = 0, 0
-    for eye in range(len(pictures.sizes)):
-        width, height = int(pictures.sizes[eye, 0]), int(pictures.sizes[eye, 1])
+    for view in range(len(pictures.sizes)):
+        width, height = int(pictures.sizes[view, 0]), int(pictures.sizes[view, 1])
         image = pictures.pixels[begin : begin + width * height].reshape(height, width)
         begin += width * height
         last = first
-        while last < n and placed.eye[last] == eye:
+        while last < n and eye[last] == view:
             last += 1
         find_steps(
             image,
-            placed.pixel[first:last],
-            placed.normal[first:last],
+            pixel[first:last],
+            normal[first:last],
             stretch[first:last],
             reach,
-            BOUND_SIGMA * pictures.noise[eye],
+            BOUND_SIGMA * pictures.noise[view],
             steps.offset[first:last],
             strength[first:last],
             steps.number[first:last],

@@ -286,7 +286,7 @@ def _shown(
     pictures: Pictures, placed: Placed, spacing: FloatArray, stretch: FloatArray, limb: FloatArray
 ) -> tuple[float, float, Int8Array]:
     """See :func:`.presence.shown_outline`; something straight may stand in front, and edges may go on past ends."""
-    steps = steps_about(pictures, placed, stretch, REACH + 1)
+    steps = steps_about(pictures, placed.eye, placed.pixel, placed.normal, stretch, REACH + 1)
     is_bent = bent(placed.point, placed.curve, limb)
     ratio, support, found = shown_outline(placed, spacing, is_bent, steps, OTHERS_EDGES, True)
     gone, ends = ends_seen(pictures, placed, spacing, stretch, found, is_bent)
@@ -313,7 +313,8 @@ def _unseen(sight: Sight) -> Presence:
 
 def searched(sight: Sight, views: Views, reach: int) -> Steps:
     """The strongest steps within ``reach`` pixels of all points, along their normals."""
-    return Steps(*steps_about(views.pictures, sight.placed, sight.stretch, reach))
+    placed = sight.placed
+    return Steps(*steps_about(views.pictures, placed.eye, placed.pixel, placed.normal, sight.stretch, reach))
 
 
 def elsewhere(steps: Steps, reach: int) -> float:
