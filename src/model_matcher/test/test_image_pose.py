@@ -18,8 +18,8 @@ from model_matcher.geometry.pose_rows import as_motion
 from model_matcher.image_pose.alignment import Placed
 from model_matcher.image_pose.finding import find_steps
 from model_matcher.image_pose.image_quality import look_of
-from model_matcher.image_pose.measurement import drawn_in, measure_pose, polished, presence
-from model_matcher.image_pose.model_error import FIRST_ERROR, fitted_model_error
+from model_matcher.image_pose.measurement import Laid, _likelier_tone, drawn_in, measure_pose, polished, presence
+from model_matcher.image_pose.model_error import FIRST_ERROR, ModelError, fitted_model_error
 from model_matcher.image_pose.presence import Chance, behind_screens, bent, log_ratio
 from model_matcher.image_pose.profiles import FITTED, Quality, Stretches, fit_profiles, fit_steps, profiles_of
 from model_matcher.image_pose.settings import (
@@ -251,6 +251,19 @@ def test_the_tone_curve_is_told_from_the_outline():
     assert pose.error_to(found.pose).rotation_deg < 0.1
 
 
+def test_tone_curves_are_not_told_apart_by_less_than_noise():
+    shape, _, pose, views, _ = rendered('plug', 1)
+    sight = look(shape, pose, views)
+    weight = np.full(len(sight), 1.0 / 0.05**2)
+
+    def laid(off):
+        return Laid(as_motion(pose), np.zeros(len(sight)), weight, np.eye(6), ModelError(off, off, 0.0))
+
+    assert _likelier_tone([laid(0.001), laid(0.00001)], sight) == 0
+    assert _likelier_tone([laid(0.3), laid(0.001)], sight) == 1
+    assert _likelier_tone([laid(0.001), laid(0.3)], sight) == 0
+
+
 @pytest.mark.parametrize('seed', [1, 2, 3, 4])
 def test_what_pictures_are_like_does_not_depend_on_where_a_pose_was_drawn_in(seed):
     """A pixel and a half off, few steps are the edges they are taken for: levels seem to wander, and codes to fit."""
@@ -356,20 +369,42 @@ def test_how_far_levels_wander_is_told_by_each_picture():
     assert (other.look[:, 1] >= 1.8 / 1.4).all() and (other.look[:, 1] <= 1.8 * 1.4).all()
 
 
-@pytest.mark.parametrize('blur', [0.45, 0.5, 0.8, 1.7, 2.8])
-def test_the_blur_of_a_picture_is_told_by_its_steps(blur):
+def steps_in_noise(blur, places, levels, tone=1.0):
+    """A dozen pictures of steps side by side, and the outline of the first step of each."""
     rng, outlines, pieces = np.random.default_rng(3), [], []
     for k in range(12):
-        angle = rng.uniform(0.0, 2.0 * math.pi)
-        pieces.append(step_image([rng.uniform(-0.5, 0.5)], [60, 180], angle, blur))
+        angle, first = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(-0.5, 0.5)
+        pieces.append(step_image([first + place for place in places], levels, angle, blur))
+        normal = np.array([math.cos(angle), math.sin(angle)])
         outline = stretches(angle)
-        outlines.append(outline._replace(pixel=outline.pixel + [64.0 * k, 0.0]))
+        outlines.append(outline._replace(pixel=outline.pixel + [64.0 * k, 0.0] + places[0] * normal))
     outline = Stretches(*(np.concatenate(values) for values in zip(*outlines)))
-    image = np.hstack(pieces)
-    noisy = np.clip(np.rint(image + rng.normal(scale=1.0, size=image.shape)), 0, 255).astype(np.uint8)
-    look = look_of(noisy, outline, np.full((len(outline.spacing), BESIDE, 2), np.nan), 1.0, math.hypot(1.0, 12.0**-0.5))
+    coded = 255.0 * (np.hstack(pieces) / 255.0) ** (1.0 / tone)
+    noisy = np.clip(np.rint(coded + rng.normal(scale=1.0, size=coded.shape)), 0, 255).astype(np.uint8)
+    return noisy, outline, np.full((len(outline.spacing), BESIDE, 2), np.nan)
+
+
+@pytest.mark.parametrize('blur', [0.45, 0.5, 0.8, 1.7, 2.8])
+def test_the_blur_of_a_picture_is_told_by_its_steps(blur):
+    noisy, outline, nothing = steps_in_noise(blur, [0.0], [60, 180])
+    look = look_of(noisy, outline, nothing, 1.0, math.hypot(1.0, 12.0**-0.5))
     assert look.blur == pytest.approx(blur, rel=0.02)
     assert look.walk < 0.5
+
+
+@pytest.mark.parametrize('blur', [0.45, 0.5, 0.8, 1.7])
+def test_so_is_the_blur_of_a_dark_picture_with_a_tone_curve(blur):
+    """In light, its steps are of a few levels, but noise is of less."""
+    noisy, outline, nothing = steps_in_noise(blur, [0.0], [3, 10], 2.2)
+    assert look_of(noisy, outline, nothing, 2.2, 1.0).blur == pytest.approx(blur, rel=0.15)
+
+
+@pytest.mark.parametrize('blur', [0.5, 0.62, 0.9])
+def test_where_no_step_stands_alone_the_blur_is_told_with_what_runs_beside_them(blur):
+    noisy, outline, beside = steps_in_noise(blur, [0.0, 3.0], [60, 180, 90])
+    beside[:, 0] = 3.0, 0.0
+    look = look_of(noisy, outline, beside, 1.0, math.hypot(1.0, 12.0**-0.5))
+    assert look.blur == pytest.approx(blur, rel=0.03)
 
 
 def test_curves_count_for_presence_and_not_their_lengths():

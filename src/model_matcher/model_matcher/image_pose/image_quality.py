@@ -15,6 +15,7 @@ from .profiles import FITTED, Profiles, Quality, Stretches, fit_profiles, profil
 from .settings import (
     BLUR_FACTOR,
     BLUR_SHARE,
+    FEWEST_POINTS,
     FIRST_BLUR,
     FIRST_SLOPE,
     FIRST_WALK,
@@ -40,8 +41,9 @@ class Look(NamedTuple):
 def look_of(image: ByteArray, outline: Stretches, beside: FloatArray, tone: float, noise: float) -> Look:
     """What an image is like, by the steps of an outline that stand alone.
 
-    The blur is that with which strong steps are explained best. The walk is that which leaves as much of them as
-    noise and walk would; the slope of shade is what the steps' own spread beyond that.
+    The blur is that with which strong steps are explained best; where few of them stand alone, with what runs beside
+    them. The walk is that which leaves as much of steps as noise and walk would; the slope of shade is what the steps'
+    own spread beyond that.
 
     Parameters
     ----------
@@ -53,10 +55,17 @@ def look_of(image: ByteArray, outline: Stretches, beside: FloatArray, tone: floa
     tone, noise : float
         See :class:`.profiles.Quality`.
     """
-    alone = np.flatnonzero((outline.flank == FLANK) & np.isnan(beside[:, :, 0]).all(axis=1))
-    some = alone[:: max(1, -(-len(alone) // QUALITY_POINTS))]
-    each = outline.some(some)._replace(together=np.ones(len(some)))
-    return Look(*_look_of(_Steps(profiles_of(image, each, tone), each, beside[some], tone, noise)))
+    with_room = outline.flank == FLANK
+
+    def steps(told: BoolArray) -> _Steps:
+        told_by = np.flatnonzero(told)
+        some = told_by[:: max(1, -(-len(told_by) // QUALITY_POINTS))]
+        each = outline.some(some)._replace(together=np.ones(len(some)))
+        return _Steps(profiles_of(image, each, tone), each, beside[some], tone, noise)
+
+    alone = steps(with_room & np.isnan(beside[:, :, 0]).all(axis=1))
+    blur = _blur_of(alone, FEWEST_POINTS) or _blur_of(steps(with_room), 1) or FIRST_BLUR
+    return Look(blur, *_beside_steps(alone, blur))
 
 
 class _Steps(NamedTuple):
@@ -70,18 +79,26 @@ class _Steps(NamedTuple):
 
 
 @njit(nogil=True)
-def _look_of(steps: _Steps) -> tuple[float, float, float]:
-    """As :func:`look_of`."""
+def _blur_of(steps: _Steps, fewest: int) -> float:
+    """The blur with which strong steps are explained best, see :func:`look_of`; 0 where fewer are strong."""
     out = np.full((len(steps.outline.spacing), FITTED), np.nan)
     _fit(steps, FIRST_BLUR, FIRST_WALK, out)
+    # In light, as contrasts are.
+    strong = np.abs(out[:, 2]) > STRONG * steps.noise * out[:, 7]
+    return _told_blur(steps, strong, out) if strong.sum() >= fewest else 0.0
+
+
+@njit(nogil=True)
+def _beside_steps(steps: _Steps, blur: float) -> tuple[float, float]:
+    """Walk and slope of the levels beside steps, see :func:`look_of`."""
+    out = np.full((len(steps.outline.spacing), FITTED), np.nan)
+    _fit(steps, blur, FIRST_WALK, out)
     if np.isnan(out[:, 0]).all():
-        return FIRST_BLUR, FIRST_WALK, FIRST_SLOPE
-    strong = np.abs(out[:, 2]) > STRONG * steps.noise
-    blur = _told_blur(steps, strong, out) if strong.any() else FIRST_BLUR
+        return FIRST_WALK, FIRST_SLOPE
     walk = _told_walk(steps, blur, out)
     # What the slopes spread beyond what noise and walk make of none.
     slope = float(np.nanmean(out[:, 4] ** 2 - out[:, 5]))
-    return blur, walk, math.sqrt(slope) if slope > LEAST_SLOPE**2 else LEAST_SLOPE
+    return walk, math.sqrt(slope) if slope > LEAST_SLOPE**2 else LEAST_SLOPE
 
 
 @njit(nogil=True)

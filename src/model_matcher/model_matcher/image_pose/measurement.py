@@ -24,7 +24,6 @@ from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
 from ..geometry.least_squares import covariances
 from ..geometry.pose_rows import as_motion, as_pose
-from ..geometry.settings import NOT_ZERO
 from .alignment import Placed, Prior, Steps, align, moved_by
 from .ends import ends_seen, log_ratio
 from .finding import Pictures, steps_about
@@ -205,8 +204,8 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
         else:
             coded = [views.coded(tone) for tone in tones]
             laid_on = spread(partial(_laid_on_fitted, shape, motion, sight, density), coded)
-            best, decided = _likelier_tone(laid_on, sight)
-            found, tones = laid_on[best], tones[best : best + 1] if decided else tones
+            best = _likelier_tone(laid_on, sight)
+            found = laid_on[best]
             views.take_over(coded[best].quality)
         motion = found.motion
         off, moved = math.hypot(found.error.curve, found.error.view), moved_by(motion, views.rows, sight.placed)
@@ -222,17 +221,19 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
     return ImagePose(pose, covariance, there, found.residual, found.weight, found.error)
 
 
-def _likelier_tone(found: list[Laid], sight: Sight) -> tuple[int, bool]:
-    """Which of tone curves explains steps, by how far each leaves the outline off, and whether that decides.
+def _likelier_tone(found: list[Laid], sight: Sight) -> int:
+    """Which of two tone curves explains steps, by how far each leaves the outline off.
 
-    The first, unless another is decisively better.
+    The first, unless the other is decisively better.
     """
-    if len(found) == 1:
-        return 0, True
-    off = [math.hypot(one.error.curve, one.error.view) + NOT_ZERO for one in found]
+    off = [one.error.curve**2 + one.error.view**2 for one in found]
+    # Of either, noise moves curves as much: that no error is a part of another says nothing.
+    told = np.bincount(sight.placed.group, found[0].weight + found[1].weight)
+    noise = 2.0 / told[told > 0.0]
     # The pose has taken six of the errors of the curves.
-    gain = max(2 * len(np.unique(sight.placed.group)) - 6, 0) * math.log(off[0] / off[1])
-    return int(gain > DECISIVE), abs(gain) > DECISIVE
+    lines = max(2 * len(told) - 6, 0)
+    gain = 0.5 * lines * float(np.log((off[0] + noise) / (off[1] + noise)).mean())
+    return int(gain > DECISIVE)
 
 
 def _laid_on_fitted(shape: Shape, motion: FloatArray, sight: Sight, density: float, views: Views) -> Laid:
