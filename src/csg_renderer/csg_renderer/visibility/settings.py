@@ -13,9 +13,6 @@ SHORTEST_PIECE = 1e-9
 PAST_END = 1e-6
 # Determinant of a conic's first three rows, relative to the cube of their norm, of a conic that is seen edge-on.
 EDGE_ON = 1e-12
-# Length of the normal of a viewpoint's polar plane when the viewpoint is the centre of the quadric: there is no
-# contour.
-NO_POLAR_PLANE = 1e-12
 # Material thinner than this along the ray, in model sizes, does not hide: the ray to a point of a contour is tangent
 # there, and rounding makes that a sliver of about the square root of the machine's precision.
 THIN = 1e-6

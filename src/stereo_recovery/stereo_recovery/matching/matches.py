@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, Int32Array, IntArray
+from msgs_py.numeric.typed import AnyArray, FloatArray, Int32Array, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,55 +72,3 @@ def match_of(segment: Int32Array, count: int) -> IntArray:
     result = np.full(count, -1)
     result[segment[::-1]] = np.arange(len(segment))[::-1]
     return result
-
-
-def partner_of(matches: Matches, count: int, of_right: bool = False) -> IntArray:
-    """The segment of the other image that each segment of one image is matched with.
-
-    Parameters
-    ----------
-    matches : Matches
-        Best pair first; of a segment in several pairs the first counts.
-    count : int
-        How many segments the image has.
-    of_right : bool
-        The partners of the right image's segments, instead of the left one's.
-
-    Returns
-    -------
-    (count,) int64
-        Index of a segment of the other image, or -1.
-
-    Examples
-    --------
-    >>> pairs = Matches(np.array([2, 0]), np.array([5, 1]), np.zeros((2, 3)), np.zeros((2, 2)), np.ones(2))
-    >>> partner_of(pairs, 3).tolist()
-    [1, -1, 5]
-    >>> partner_of(pairs, 6, of_right=True).tolist()
-    [-1, 0, -1, -1, -1, 2]
-    """
-    own, other = (matches.right, matches.left) if of_right else (matches.left, matches.right)
-    result = np.full(count, -1)
-    result[own[::-1]] = other[::-1]
-    return result
-
-
-def end_order(flip: BoolArray) -> IntArray:
-    """Which end of the right segment shows the same end of the edge as the left segment's first and last end.
-
-    Parameters
-    ----------
-    flip : (k,) bool
-        Pairs whose segments run against each other, see :func:`.segments.reversed_polarity`.
-
-    Returns
-    -------
-    (k, 2) int64
-        0 for the right segment's first end, 1 for its last one.
-
-    Examples
-    --------
-    >>> end_order(np.array([False, True])).tolist()
-    [[0, 1], [1, 0]]
-    """
-    return np.where(flip[:, None], [1, 0], [0, 1])

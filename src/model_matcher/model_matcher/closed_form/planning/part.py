@@ -13,7 +13,7 @@ from csg_renderer import Light, Scene, Solid, SolidOutline, load_scene, model_fe
 from csg_renderer.language import find_scene
 from csg_renderer.raycast.render import render
 from csg_renderer.raycast.sensor import grey
-from msgs_py import FeatureKind, Pose
+from msgs_py import Pose
 from msgs_py.numeric.typed import FloatArray
 
 from ...model.index import ModelIndex, index_model
@@ -60,11 +60,6 @@ class PlannedPart:
     def axis(self) -> Axis | None:
         """The axis about which it is the same all round."""
         return axis_of_revolution(self.index)
-
-    @property
-    def round_only(self) -> bool:
-        """Whether it has no straight edges."""
-        return not (self.index.features.kind == FeatureKind.EDGE).any()
 
     def pictures(
         self, poses: Sequence[Pose], rig: PlannedRig, antialias: int, clutter: Sequence[tuple[str, Pose]] = ()
