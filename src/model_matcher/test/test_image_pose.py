@@ -170,7 +170,7 @@ def test_of_flat_faces_steps_are_as_if_no_shade_had_been_thought_of():
     settle_slopes(group, LEAST_SLOPE, 2.0, settled)
     assert np.sqrt(np.mean((settled[:, 0] - flat[:, 0]) ** 2 / flat[:, 1])) < 0.1
     assert settled[:, 1].mean() < 0.8 * flat[:, 1].mean() + 0.2 * wide[:, 1].mean()
-    np.testing.assert_allclose(np.median(settled[:, 1] / flat[:, 1]), 1.0, atol=0.03)
+    np.testing.assert_allclose(np.median(settled[:, 1] / flat[:, 1]), 1.0, atol=0.1)
     more, also, _ = shaded_points(6.0, 20, rng)
     group, both = np.concatenate([group, more]), np.concatenate([wide, also])
     settle_slopes(group, LEAST_SLOPE, 2.0, both)

@@ -41,19 +41,16 @@ def settle_slopes(group: Int32Array, flat: float, shaded: float, fitted: FloatAr
         count, flatter = begin[c + 1] - begin[c], 1.0 - share[c]
         # Of a flat face the sigma is less, and with it what the step may owe to the slope.
         more = ((shaded / flat) ** 2 - 1.0) / (wide[c] * count)
-        beyond, known = 0.0, 0
         for k in range(begin[c], begin[c + 1]):
             if math.isnan(fitted[k, 0]):
                 continue
             here, variance, common = fitted[k, 4], fitted[k, 5], fitted[k, 6]
             gain = more / (1.0 + more * variance)
-            # By how much is each point's word, not that of the whole curve: shade of real surfaces has no one slope.
-            fitted[k, 0] -= flatter * common * gain * here
-            fitted[k, 1] -= flatter * common * common * gain
-            beyond += (common * gain) ** 2 * (here * here - variance)
-            known += 1
-        # Which of the two it is moves all points of a curve alike, by what their slopes are beyond their noise.
-        fitted[begin[c] : begin[c + 1], 1] += share[c] * flatter * max(beyond, 0.0) / known * count
+            shift = common * gain * here
+            fitted[k, 0] -= flatter * shift
+            # Which of the two it is moves all points of a curve alike. By how much is each point's word, not that of
+            # the whole curve: shade of real surfaces has no one slope along it.
+            fitted[k, 1] += share[c] * flatter * shift * shift * count - flatter * common * common * gain
 
 
 @njit(nogil=True)
