@@ -191,18 +191,17 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
     Whether the camera codes light by a tone curve is not said in an image. A wrong curve moves every step to its dark
     side, and which side that is differs from edge to edge: the right one leaves the outline less to be off.
     """
-    # Tone curves that the views may have, the likelier first; none where theirs is known.
-    tones: tuple[float, ...] = () if views.tone[0] > 0.0 else TONES
+    tone_is_known = bool(views.tone[0] > 0.0)
     for _ in range(DRAWN_ANEW):
         outline = outline_of(shape, as_pose(motion), views.cameras, views.poses)
         sight = drawn(outline, motion, shape.centre, views)
         if len(sight) < FEWEST_POINTS:
             return _nothing(motion, _unseen(sight))
         density = elsewhere(searched(sight, views, FLANK), FLANK)
-        if not tones:
+        if tone_is_known:
             found = _laid_on_fitted(shape, motion, sight, density, views)
         else:
-            coded = [views.coded(tone) for tone in tones]
+            coded = [views.coded(tone) for tone in TONES]
             laid_on = spread(partial(_laid_on_fitted, shape, motion, sight, density), coded)
             best = _likelier_tone(laid_on, sight)
             found = laid_on[best]
@@ -213,7 +212,7 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
             break
         if moved < LONGEST_FIT_STEP:
             # So near, the steps told as much of the images as they will.
-            tones = ()
+            tone_is_known = True
     pose = as_pose(motion)
     arm = (pose.translation - pose.apply(shape.centre))[None]
     covariance = covariances(found.normal[None], np.ones(1), arm, shape.size)[0]
@@ -227,12 +226,13 @@ def _likelier_tone(found: list[Laid], sight: Sight) -> int:
     The first, unless the other is decisively better.
     """
     off = [one.error.curve**2 + one.error.view**2 for one in found]
-    # Of either, noise moves curves as much: that no error is a part of another says nothing.
     told = np.bincount(sight.placed.group, found[0].weight + found[1].weight)
+    # By so much noise moves each curve in either case: errors that are far less do not tell the two apart.
     noise = 2.0 / told[told > 0.0]
-    # The pose has taken six of the errors of the curves.
-    lines = max(2 * len(told) - 6, 0)
-    gain = 0.5 * lines * float(np.log((off[0] + noise) / (off[1] + noise)).mean())
+    # The pose has taken six of the errors of the curves, two each.
+    if len(noise) <= 3:
+        return 0
+    gain = (len(noise) - 3) * float(np.log((off[0] + noise) / (off[1] + noise)).mean())
     return int(gain > DECISIVE)
 
 
