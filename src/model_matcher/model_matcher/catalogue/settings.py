@@ -70,6 +70,6 @@ ROUNDS = (Round(10_000, 8, 3), Round(500, 24, 8), Round(100, 128, 64))
 # it; and how many models are weighed for each.
 LOOKED_AT = 512
 OBJECTS = 6
-WEIGHED = 48
+WEIGHED = 96
 # Models that are ready for matching and kept for the next scene.
 KEPT_MODELS = 400

@@ -30,7 +30,8 @@ def hull_faces(index: ModelIndex) -> tuple[np.ndarray, np.ndarray]:
     """
     rows = index.rows
     step = rows[:, 6:7] * rows[:, 3:6]
-    points = np.concatenate([rows[:, :3] - step, rows[:, :3] + step, _rims(index)])
+    rims = _rims(index)
+    points = np.concatenate([rows[:, :3] - step, rows[:, :3] + step, rims])
     planes = _planes(points, index.size)
     lies = np.ones((len(planes), len(rows)), bool)
     near = SYMMETRY_TOLERANCE * index.size
@@ -39,7 +40,7 @@ def hull_faces(index: ModelIndex) -> tuple[np.ndarray, np.ndarray]:
         lies &= (away < near).T
     lies &= index.kind == FeatureKind.EDGE
     curves = index.kind == FeatureKind.CURVE
-    on = np.abs(_rims(index) @ planes[:, :3].T + planes[:, 3]) < near
+    on = np.abs(rims @ planes[:, :3].T + planes[:, 3]) < near
     # A rim lies on the flat face that it bounds, and on those beside it along which the hull goes on.
     lies[:, curves] = (on.reshape(int(curves.sum()), CURVE_POINTS, len(planes)).sum(axis=1) > 1).T
     return planes, lies

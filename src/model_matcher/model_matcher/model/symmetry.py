@@ -17,7 +17,9 @@ from msgs_py import FeatureKind, Pose
 from msgs_py.numeric.vectors import perpendicular
 
 from ..geometry.features import PairTable
-from ..geometry.settings import NOT_ZERO, PARALLEL_SINE
+from ..geometry.pose_rows import as_motion, as_pose
+from ..geometry.self_motions import Lookalikes, lays_on_lookalikes, self_motions
+from ..geometry.settings import PARALLEL_SINE
 from .index import ModelIndex
 from .settings import EXACT, SAME, SYMMETRY_TOLERANCE
 
@@ -228,99 +230,39 @@ def moved(trace: np.ndarray | float, gap: np.ndarray | float, size: float) -> np
 
 
 def _find(index: ModelIndex) -> tuple[Pose, ...]:
-    rows = index.rows
-    mids, directions = rows[:, 0:3], rows[:, 3:6]
-    tolerance = SYMMETRY_TOLERANCE * index.size
-    alike = _lookalikes(index, tolerance)
+    model = Lookalikes(
+        index.rows, _lookalikes(index), SYMMETRY_TOLERANCE * index.size, SAME, index.middle, float(index.size)
+    )
     axis = axis_of_revolution(index)
     if axis is not None:
-        return _end_for_end(index, axis, alike, tolerance)
-    base = _base_pair(rows, alike, tolerance)
+        return _end_for_end(axis, model)
+    base = _base_pair(model)
     if base is None:
         return ()
-    i, j = base
-    second = _second_direction(rows, i, j)
-    c = float(directions[i] @ second)
-    gap = np.linalg.norm(mids[j] - mids[i])
-    source = _frame(directions[i], second)
-    crossing = _crosses(rows, i, j)
-    rotations, shifts = [], []
-    for k in np.flatnonzero(alike[i]).tolist():
-        partners = alike[j] & (np.abs(np.linalg.norm(mids - mids[k], axis=1) - gap) < 2.0 * tolerance)
-        partners[k] = False
-        for m in np.flatnonzero(partners).tolist():
-            if crossing != _crosses(rows, k, m):
-                continue
-            v = _second_direction(rows, k, m)
-            for first in (1.0, -1.0):
-                for sign in (1.0, -1.0) if crossing else (1.0,):
-                    u, w = first * directions[k], sign * v
-                    if abs(u @ w - c) <= SAME:
-                        rotations.append(_frame(u, w).T @ source)
-                        shifts.append(0.5 * (mids[k] + mids[m] - rotations[-1] @ (mids[i] + mids[j])))
-    return _that_map(index, np.array(rotations).reshape(-1, 3, 3), np.array(shifts).reshape(-1, 3), alike, tolerance)
+    return tuple(as_pose(motion) for motion in self_motions(*base, model)[1:])
 
 
-def _that_map(
-    index: ModelIndex, rotations: np.ndarray, shifts: np.ndarray, alike: np.ndarray, tolerance: float
-) -> tuple[Pose, ...]:
-    """Of motions (m, 3, 3) and (m, 3) those that lay a model on itself, each once, without the identity."""
-    rows, tree = index.rows, cKDTree(index.rows[:, :3])
-    # What does not lay all features near any is none: most are ruled out by the first few.
-    for middle in rows[:, :3]:
-        close = tree.query(rotations @ middle + shifts)[0] < tolerance
-        rotations, shifts = rotations[close], shifts[close]
-    middles = rotations @ index.middle + shifts
-    found: list[int] = []
-    for k in range(len(rotations)):
-        chosen = [*found]
-        turns = np.einsum('mij,ij->m', rotations[chosen], rotations[k])
-        gaps = np.linalg.norm(middles[chosen] - middles[k], axis=1)
-        if (moved(turns, gaps, index.size) < SAME).any():
-            continue
-        motion = Pose(rotations[k], shifts[k])
-        if not near(index, motion, Pose.identity()) and _maps(motion, rows, alike, tolerance):
-            found.append(k)
-    return tuple(Pose(rotations[k], shifts[k]) for k in found)
-
-
-def _end_for_end(index: ModelIndex, axis: Axis, alike: np.ndarray, tolerance: float) -> tuple[Pose, ...]:
+def _end_for_end(axis: Axis, model: Lookalikes) -> tuple[Pose, ...]:
     """The half turn that swaps the two ends of a solid of revolution, when it is a symmetry."""
     across = perpendicular(axis.direction[None])[0]
     motion = axis.about(2.0 * np.outer(across, across) - np.eye(3))
-    return (motion,) if _maps(motion, index.rows, alike, tolerance) else ()
+    return (motion,) if lays_on_lookalikes(as_motion(motion), model) else ()
 
 
-def _crosses(rows: np.ndarray, i: int, j: int) -> bool:
-    """Whether two features are far from parallel; nearer, their directions do not fix a motion well."""
-    return bool(abs(rows[i, 3:6] @ rows[j, 3:6]) <= np.cos(np.arcsin(PARALLEL_SINE)))
-
-
-def _second_direction(rows: np.ndarray, i: int, j: int) -> np.ndarray:
-    """(3,) what fixes a frame with the direction of i: that of j, or the way to j where the two are parallel."""
-    if _crosses(rows, i, j):
-        other: np.ndarray = rows[j, 3:6]
-        return other
-    way = rows[j, :3] - rows[i, :3]
-    way = way - (way @ rows[i, 3:6]) * rows[i, 3:6]
-    across: np.ndarray = way / max(float(np.linalg.norm(way)), NOT_ZERO)
-    return across
-
-
-def _lookalikes(index: ModelIndex, tolerance: float) -> np.ndarray:
+def _lookalikes(index: ModelIndex) -> np.ndarray:
     """(e, e) bool: features of the same kind and size."""
     sizes = np.column_stack([index.rows[:, 6], np.nan_to_num(index.rows[:, 7:9])])
-    same = (np.abs(sizes[:, None] - sizes) < tolerance).all(axis=2)
+    same = (np.abs(sizes[:, None] - sizes) < SYMMETRY_TOLERANCE * index.size).all(axis=2)
     alike: np.ndarray = same & (index.kind[:, None] == index.kind)
     return alike
 
 
-def _base_pair(rows: np.ndarray, alike: np.ndarray, tolerance: float) -> tuple[int, int] | None:
+def _base_pair(model: Lookalikes) -> tuple[int, int] | None:
     """Two features far from parallel, or a way apart, with as few lookalikes as possible; None when all are on a line.
 
     Parallel ones are taken only where there are no others.
     """
-    count = alike.sum(axis=1)
+    rows, count = model.rows, model.alike.sum(axis=1)
     product = (count[:, None] * count).astype(float)
     directions = rows[:, 3:6]
     parallel = np.abs(directions @ directions.T) > np.cos(np.arcsin(PARALLEL_SINE))
@@ -329,32 +271,10 @@ def _base_pair(rows: np.ndarray, alike: np.ndarray, tolerance: float) -> tuple[i
         along = np.einsum('ijk,ik->ij', gaps, directions)
         apart = np.sqrt(np.maximum((gaps**2).sum(axis=2) - along**2, 0.0))
         # The farther apart, the better they tell a turn.
-        product[apart < max(tolerance, 0.5 * apart.max())] = np.inf
+        product[apart < max(model.tolerance, 0.5 * apart.max())] = np.inf
     else:
         product[parallel] = np.inf
     best = int(np.argmin(product))
     if not np.isfinite(product.flat[best]):
         return None
     return best // len(count), best % len(count)
-
-
-def _frame(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """(3, 3) orthonormal, rows: bisector, difference, common normal; the errors of both directions count alike."""
-    first = (u + v) / np.linalg.norm(u + v)
-    third = np.cross(u, v)
-    third = third / np.linalg.norm(third)
-    return np.stack([first, np.cross(third, first), third])
-
-
-def _maps(motion: Pose, rows: np.ndarray, alike: np.ndarray, tolerance: float) -> bool:
-    """Whether every feature comes to lie on a lookalike."""
-    tree = cKDTree(rows[:, :3])
-    most = max(len(near) for near in tree.query_ball_point(rows[:, :3], 2.0 * tolerance))
-    _, near = tree.query(motion.apply(rows[:, :3]), k=[*range(1, most + 1)], distance_upper_bound=tolerance)
-    there = near < len(rows)
-    near = np.where(there, near, 0)
-    along = np.linalg.norm(np.cross(motion.rotate(rows[:, 3:6])[:, None], rows[near, 3:6]), axis=2)
-    # An edge's ends must come to lie as near as its middle; a curve's normal has no length, its radius is its lever.
-    lever = np.maximum(rows[:, 6], np.nan_to_num(rows[:, 7]))[:, None]
-    fits = there & np.take_along_axis(alike, near, axis=1) & (along * lever < tolerance)
-    return bool(fits.any(axis=1).all())
