@@ -9,7 +9,7 @@ import time
 import pytest
 
 from msgs_py.numeric import threads
-from msgs_py.numeric.threads import begin, spread, together
+from msgs_py.numeric.threads import begin, parts_of, spread, together
 
 
 @pytest.fixture(autouse=True)
@@ -101,3 +101,11 @@ def test_a_forked_child_begins_its_own() -> None:
     if child == 0:
         os._exit(0 if spread(lambda number: number, range(2)) == [0, 1] else 1)
     assert os.waitpid(child, 0)[1] == 0
+
+
+@pytest.mark.parametrize('count', [0, 1, 7, 100])
+def test_parts_have_each_item_once_and_are_not_too_small(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(threads, 'cores', lambda: 3)
+    parts = parts_of(count, 30)
+    assert [item for first, end in parts for item in range(first, end)] == list(range(count))
+    assert len(parts) == (3 if count == 100 else 1)

@@ -88,7 +88,7 @@ def in_light(views: Sequence[View], sigma: float) -> list[View]:
         return list(views)
     shift = spread(lambda view: shift_in_code(view, sigma), views)
     shares = shares_of_code(found, shift, sum(noise))
-    return [_moved(view, share * one) for view, share, one in zip(views, shares, shift)]
+    return spread(lambda k: _moved(views[k], shares[k] * shift[k]), range(len(views)))
 
 
 def _moved(view: View, shift: FloatArray) -> View:

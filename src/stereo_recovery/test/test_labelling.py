@@ -171,7 +171,7 @@ def beliefs(left, node, value, own, met=None):
     near, its = labelling_kernels.neighbours(left, met[0], RADIUS), lists(node)
     support = labelling_kernels.supporters(node, value, its.first, near, met[1], 60.0)
     against = labelling_kernels.rival_lists(node, value, its)
-    return labelling_kernels.propagate(np.ascontiguousarray(node[:, 0]), own, near, support, against, RADIUS, 8)[1]
+    return labelling.propagate(np.ascontiguousarray(node[:, 0]), own, near, support, against, RADIUS, 8)[1]
 
 
 def values(*disparity):
@@ -192,6 +192,19 @@ def test_beliefs_of_rivals_and_of_none_are_probabilities(odds):
     belief = beliefs(table(((100.0, 10.0), (100.0, 50.0))), node, value, own)
     weight = np.exp(np.minimum(own, 40.0))
     assert belief == pytest.approx(weight / (1.0 + weight.sum()), abs=1e-6)
+
+
+def test_beliefs_are_the_same_however_many_threads_ask(monkeypatch):
+    """Left edges that follow each other, three candidates each, at disparities that agree and others."""
+    starts = np.array([[100.0 + 15.0 * k, 10.0] for k in range(8)])
+    left = candidate_kernels.SegmentTable(starts, starts + [0.0, 40.0], np.tile([0.0, 1.0], (8, 1)))
+    node = np.array([[i, 3 * i + j] for i in range(8) for j in range(3)], np.int32)
+    value = values(*(30.0 + 0.2 * node[:, 0] + 9.0 * (node[:, 1] % 3)))
+    own = np.where(node[:, 1] % 3 == node[:, 0] % 2, 0.5, 0.0)
+    alone = beliefs(left, node, value, own)
+    monkeypatch.setattr(labelling, 'parts_of', lambda count, least: [(0, 5), (5, 17), (17, count)])
+    np.testing.assert_array_equal(beliefs(left, node, value, own), alone)
+    assert alone.max() > 0.5
 
 
 def test_the_nearer_of_two_edges_side_by_side_is_believed():

@@ -116,6 +116,30 @@ def spread(work: Callable[[Item], Result], items: Sequence[Item], most: int | No
     return results  # type: ignore[return-value]
 
 
+def parts_of(count: int, least: int) -> list[tuple[int, int]]:
+    """Cut many small items into parts for :func:`spread`: as many as threads are of use.
+
+    Parameters
+    ----------
+    count : int
+        Items.
+    least : int
+        That a part has; fewer are done sooner than they are handed over.
+
+    Returns
+    -------
+    list of (int, int)
+        First and end of each part.
+
+    Examples
+    --------
+    >>> parts_of(10, 20)
+    [(0, 10)]
+    """
+    parts = min(THREADS, cores(), max(1, count // least))
+    return [(count * part // parts, count * (part + 1) // parts) for part in range(parts)]
+
+
 def _raised_by(work: Callable[[], None]) -> BaseException | None:
     try:
         work()

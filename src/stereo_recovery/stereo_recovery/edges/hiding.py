@@ -47,6 +47,7 @@ def hidden_ends(
         return junctions
     result = []
     pairs = (matches.left, matches.right)
+    in_planes = [_in_plane(curve, matches, segments[0], rig) for curve in curves]
     for side, view in enumerate(camera_views(rig)):
         own, found = segments[side], junctions[side]
         places = own.centre[:, None] + found.abscissa[..., None] * own.direction[:, None]
@@ -61,11 +62,11 @@ def hidden_ends(
             stops = (off < NEAR) & (along > own.extent[k, 0] - ALONG) & (along < own.extent[k, 1] + ALONG)
             stops[of_surface] = False
             hidden |= stops
-        for curve in curves:
+        for curve, in_plane in zip(curves, in_planes):
             at = _on_rim(curve, places.reshape(-1, 2), view).reshape(hidden.shape)
             # Of edges that end on the rim those are left that may belong to its face or to its surface.
             allowed = np.zeros(len(own), bool)
-            allowed[pairs[side][_in_plane(curve, matches, segments[0], rig)]] = True
+            allowed[pairs[side][in_plane]] = True
             allowed = allowed[:, None] | _along_axis(curve, own, places, view)
             hidden |= at & ~allowed & (own.arc < 0)[:, None]
         result.append(replace(found, t_junction=found.t_junction | hidden))

@@ -84,17 +84,17 @@ def _candidates(pixel: FloatArray) -> IntArray:
     count = last - first
     e = np.repeat(np.arange(len(pixel)), count)
     f = order[np.arange(len(e)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(first, count)]
+    gap = pixel[f, 0] - pixel[e, 1]
+    near = (e != f) & (np.hypot(gap[:, 0], gap[:, 1]) < JOINED_REACH)
+    e, f, gap = e[near], f[near], gap[near]
     run = pixel[:, 1] - pixel[:, 0]
     length = np.hypot(run[:, 0], run[:, 1])
-    gap = pixel[f, 0] - pixel[e, 1]
-    along = (gap * run[e]).sum(axis=1) / length[e]
-    near = (e != f) & (np.hypot(gap[:, 0], gap[:, 1]) < JOINED_REACH)
-    near &= along < PARTS_GAP * (length[e] + length[f])
-    near &= (run[e] * run[f]).sum(axis=1) > 0.9 * length[e] * length[f]
+    follows = (gap * run[e]).sum(axis=1) / length[e] < PARTS_GAP * (length[e] + length[f])
+    follows &= (run[e] * run[f]).sum(axis=1) > 0.9 * length[e] * length[f]
     # The second goes on beyond the first.
-    near &= ((pixel[f, 1] - pixel[e, 1]) * run[e]).sum(axis=1) > 0.5 * length[f] * length[e]
-    near &= ((pixel[f, 0] - pixel[e, 0]) * run[e]).sum(axis=1) > 0.0
-    return np.stack([e[near], f[near]], axis=1)
+    follows &= ((pixel[f, 1] - pixel[e, 1]) * run[e]).sum(axis=1) > 0.5 * length[f] * length[e]
+    follows &= ((pixel[f, 0] - pixel[e, 0]) * run[e]).sum(axis=1) > 0.0
+    return np.stack([e[follows], f[follows]], axis=1)
 
 
 def _whole(ends: FloatArray, covariance: FloatArray) -> tuple[AnyArray, AnyArray]:

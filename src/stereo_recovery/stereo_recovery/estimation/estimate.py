@@ -20,6 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from msgs_py.numeric.robust import NORMAL_QUARTILE
+from msgs_py.numeric.threads import parts_of, spread
 from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, IntArray
 
 from ..detection.settings import SMALLEST
@@ -28,6 +29,7 @@ from .factors import Factors
 from .normal_equations import NormalEquations
 from .settings import (
     ACCIDENT,
+    LEAST_OPEN,
     LEAST_REST,
     MATCH_SIGMA,
     MATCH_SLOPE,
@@ -152,11 +154,16 @@ def _start(equations: NormalEquations, lines: OwnLines, used: BoolArray) -> Bool
     used = used.copy()
     statements = _statements(equations.factors, len(lines.extent))
     own = lines.information, lines.x, lines.covariance
+
+    def asked(part: tuple[int, int]) -> bool:
+        """Some of the open edges; no statement that is asked is about two of them."""
+        return bool(likeliest(statements, open_edges[part[0] : part[1]], known, so_far, own, used))
+
     for _ in range(START_ROUNDS):
         solution = equations.solve(used)
-        open_edges = end_sigma(solution.covariance, lines).max(axis=1) >= WELL_MEASURED
-        so_far = solution.x, solution.covariance
-        if not likeliest(statements, np.flatnonzero(open_edges), ~open_edges, so_far, own, used):
+        known = end_sigma(solution.covariance, lines).max(axis=1) < WELL_MEASURED
+        open_edges, so_far = np.flatnonzero(~known), (solution.x, solution.covariance)
+        if not any(spread(asked, parts_of(len(open_edges), LEAST_OPEN))):
             break
     return used
 

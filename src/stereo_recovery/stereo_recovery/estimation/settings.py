@@ -64,6 +64,8 @@ WELL_MEASURED, OPEN_SIGMA = 0.3, 1.0
 ACCIDENT = 0.05
 # px a pixel: largest slope of disparity that is tried for an open edge. [R]
 MOST_SLOPE = 0.5
+# Open edges that are worth another thread: one costs 10 us, to hand work over and to wait for it 100 us. [D]
+LEAST_OPEN = 40
 # Rounds of the start, and of the least squares. [R] bounds the time
 START_ROUNDS, ROUNDS = 3, 100
 # Share of a factor's variance that all others leave it, at least, when it is taken out of a least squares. [D] rounding

@@ -237,7 +237,7 @@ def _likeliest_mode(told: Told, own: FloatArray, covariance: FloatArray, informa
     return best
 
 
-@njit
+@njit(nogil=True)
 def likeliest(
     s: Statements,
     edges: IntArray,

@@ -92,7 +92,7 @@ def _pixel(image: Float32Array, x: float, y: float) -> float:
     return float(image[row, column])
 
 
-@njit
+@njit(nogil=True)
 def profiles(image: Float32Array, table: SegmentTable) -> Float32Array:
     """(n, PROFILE_SAMPLES, 2, offsets) float32: grey levels beside segments, from start to end."""
     out = np.empty((len(table.start), PROFILE_SAMPLES, 2, len(PROFILE_OFFSETS)), np.float32)
@@ -244,7 +244,7 @@ def _common_samples(p: FloatArray, top: float, bottom: float) -> tuple[int, int]
     return first, last
 
 
-@njit
+@njit(nogil=True)
 def candidates(
     left: SegmentTable, right: SegmentTable, shape: tuple[int, int], lowest: float, highest: float
 ) -> Candidates:

@@ -15,11 +15,12 @@ S. Pollard, J. Mayhew, J. Frisby, "PMF: a stereo correspondence algorithm using 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from msgs_py.numeric.threads import together
+from msgs_py.numeric.threads import parts_of, spread, together
 from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
 
 from ..detection.junctions import find_junctions
@@ -28,15 +29,17 @@ from ..stopwatch import Late, never
 from . import candidate_kernels, labelling_kernels
 from .candidate_kernels import Candidates, Photometry, SegmentTable
 from .dense import DenseDisparity
-from .labelling_kernels import CandidateLists
+from .labelling_kernels import CandidateLists, Neighbours, Rivals, Support
 from .matches import Matches
 from .settings import (
     FEW_MATCHES,
     FIRST_ROUNDS,
     FIRST_SCALE,
     HISTOGRAM_SIGMA,
+    LEAST_CANDIDATES,
     LEAST_ODDS,
     MOST_CANDIDATES,
+    MOST_ODDS,
     OUTLYING,
     PARTNER_ODDS,
     PROFILE_SIGMA,
@@ -44,6 +47,7 @@ from .settings import (
     ROOM,
     ROOM_SHARE,
     ROUNDS,
+    SEEN_AS_ONE,
     SETTLED,
 )
 
@@ -105,20 +109,18 @@ def match(
     left, right = segments
     if len(left) == 0 or len(right) == 0:
         return Matches.empty(), None
-    tables = _table(left), _table(right)
-    smooth = [np.asarray(cv2.GaussianBlur(grey, (0, 0), PROFILE_SIGMA), np.float32) for grey in greys]
-    profiles = [candidate_kernels.profiles(image, table) for image, table in zip(smooth, tables)]
-    density = grey_density(profiles[1])
-    met = _met(left), _met(right)
-    near = labelling_kernels.neighbours(tables[0], met[0], radius)
-    spread = min(window[1] - window[0], RANDOM_SHARE * greys[0].shape[1])
-
-    every = candidate_kernels.candidates(*tables, greys[0].shape, *window)
+    one, other = spread(lambda eye: _Eye.of(greys[eye], segments[eye]), range(2))
+    tables, profiles = (one.table, other.table), [one.profiles, other.profiles]
+    density = grey_density(other.profiles)
+    near, every = together(
+        lambda: labelling_kernels.neighbours(one.table, one.met, radius),
+        lambda: candidate_kernels.candidates(*tables, greys[0].shape, *window),
+    )
 
     def odds(exposure: Exposure, of: Candidates) -> FloatArray:
         """(k,) log odds of candidates by themselves, without dense disparity."""
         seen = (exposure.gain * profiles[0] + exposure.shift).astype(np.float32)
-        photometry = Photometry(seen, smooth[1], density, exposure.scale)
+        photometry = Photometry(seen, other.smooth, density, exposure.scale)
         chance = np.log(PARTNER_ODDS / np.maximum(of.chances[of.node[:, 0]], 1.0))
         return np.asarray(of.value[:, 5] + candidate_kernels.photometric(photometry, tables[0], of) + chance)
 
@@ -129,12 +131,15 @@ def match(
         return Matches.empty(), None
     node, value, own = game.node, game.value, own[kept]
     lists = _lists(node, len(left), len(right))
-    support = labelling_kernels.supporters(node, value, lists.first, near, met[1], spread)
-    against = labelling_kernels.rival_lists(node, value, lists)
+    anywhere = min(window[1] - window[0], RANDOM_SHARE * greys[0].shape[1])
+    support, against = together(
+        lambda: labelling_kernels.supporters(node, value, lists.first, near, other.met, anywhere),
+        lambda: labelling_kernels.rival_lists(node, value, lists),
+    )
 
     def labelled(own: FloatArray, rounds: int) -> Labelling:
         segment = np.ascontiguousarray(node[:, 0])
-        score, belief = labelling_kernels.propagate(segment, own, near, support, against, radius, rounds)
+        score, belief = propagate(segment, own, near, support, against, radius, rounds)
         return _labelling(node, value, score, belief, least_belief)
 
     first = labelled(own, FIRST_ROUNDS)
@@ -150,10 +155,69 @@ def match(
     return _matches(labelled(own, ROUNDS)), dense
 
 
+def propagate(
+    segment: Int32Array,
+    own: FloatArray,
+    near: Neighbours,
+    support: Support,
+    against: Rivals,
+    radius: float,
+    rounds: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Log odds (k,) and belief (k,) of every candidate, by messages between neighbours.
+
+    Parameters
+    ----------
+    segment : (k,) int32
+        The left segment of each.
+    own : (k,) float64
+        Log odds by itself.
+    near, support, against
+        As from :func:`.labelling_kernels.neighbours`, ``supporters`` and ``rival_lists``.
+    radius : float, pixels
+        Of support.
+    rounds : int
+    """
+    parts = parts_of(len(own), LEAST_CANDIDATES)
+    same = SEEN_AS_ONE * np.exp(-near.gap / radius)
+    score, likelihood, belief, told = own.copy(), np.empty_like(own), np.empty_like(own), np.empty_like(own)
+    matched = np.empty(len(near.other))
+
+    def weigh(part: tuple[int, int]) -> None:
+        labelling_kernels.beliefs(part, likelihood, against, belief)
+
+    def ask(part: tuple[int, int]) -> None:
+        labelling_kernels.told_by_neighbours(part, segment, near, same, support, belief, matched, told)
+
+    for turn in range(rounds + 1):
+        np.exp(np.minimum(score, MOST_ODDS), out=likelihood)
+        spread(weigh, parts)
+        if turn < rounds:
+            matched[:] = np.bincount(segment, belief, len(matched))
+            spread(ask, parts)
+            np.add(own, told, out=score)
+    return score, belief
+
+
 def _matches(found: Labelling) -> Matches:
     """The candidates that are chosen."""
     node, value = found.node[found.chosen], found.value[found.chosen]
     return Matches(node[:, 0], node[:, 1], value[:, :3], value[:, 3:5], found.belief[found.chosen])
+
+
+class _Eye(NamedTuple):
+    """What one image shows of its segments: the image smoothed, (h, w) float32, and what kernels take of them."""
+
+    smooth: Float32Array
+    table: SegmentTable
+    profiles: Float32Array
+    met: Int32Array
+
+    @classmethod
+    def of(cls, grey: Float32Array, segments: Segments) -> _Eye:
+        table = _table(segments)
+        smooth = np.asarray(cv2.GaussianBlur(grey, (0, 0), PROFILE_SIGMA), np.float32)
+        return cls(smooth, table, candidate_kernels.profiles(smooth, table), _met(segments))
 
 
 def _table(segments: Segments) -> SegmentTable:

@@ -25,13 +25,11 @@ from .settings import (
     LEAST_BESIDE,
     LEVEL,
     LONG_NEIGHBOUR,
-    MOST_ODDS,
     NEAR_NEIGHBOUR,
     NEARER_LOG_ODDS,
     NEIGHBOURS,
     ONE_LINE,
     SAME_PART,
-    SEEN_AS_ONE,
     SUPPORT_REACH,
 )
 
@@ -125,7 +123,7 @@ def _near_any(cells: Buckets, points: FloatArray, out: IntArray) -> int:
     return count
 
 
-@njit
+@njit(nogil=True)
 def neighbours(table: SegmentTable, met: Int32Array, radius: float) -> Neighbours:
     """The NEIGHBOURS of each segment within ``radius`` pixels that weigh most: long ones that are near.
 
@@ -209,7 +207,7 @@ def _odds(nearer: float) -> float:
     return float(np.exp(told if nearer > 0.0 else -told))
 
 
-@njit
+@njit(nogil=True)
 def supporters(
     node: Int32Array, value: FloatArray, first: IntArray, near: Neighbours, met: Int32Array, spread: float
 ) -> Support:
@@ -263,7 +261,7 @@ def supporters(
     return Support(start, column[:groups], begin[: groups + 1], who[:count], ratio[:count])
 
 
-@njit
+@njit(nogil=True)
 def rival_lists(node: Int32Array, value: FloatArray, lists: CandidateLists) -> Rivals:
     """For each candidate those that cannot be true with it: start (k + 1,), who, and the odds of each."""
     start = np.zeros(len(node) + 1, np.int64)
@@ -288,56 +286,53 @@ def rival_lists(node: Int32Array, value: FloatArray, lists: CandidateLists) -> R
     return start, who[:count], odds[:count]
 
 
-@njit
-def propagate(
-    segment: Int32Array,
-    own: FloatArray,
-    near: Neighbours,
-    support: Support,
-    against: Rivals,
-    radius: float,
-    rounds: int,
-) -> tuple[FloatArray, FloatArray]:
-    """Log odds (k,) and belief (k,) of every candidate.
+@njit(nogil=True)
+def beliefs(part: tuple[int, int], likelihood: FloatArray, against: Rivals, belief: FloatArray) -> None:
+    """Probabilities of candidates among their rivals.
 
-    segment : (k,) left segment; own : (k,) log odds by itself; support, against : as from :func:`supporters` and
-    :func:`rival_lists`; radius : of support, pixels.
+    part : first and end of the candidates of which ``belief`` (k,) is filled; likelihood : (k,) odds of each by itself
+    """
+    start, rival, odds = against
+    for a in range(part[0], part[1]):
+        total = 1.0 + likelihood[a]
+        for q in range(start[a], start[a + 1]):
+            total += odds[q] * likelihood[rival[q]]
+        belief[a] = likelihood[a] / total
+
+
+@njit(nogil=True)
+def told_by_neighbours(
+    part: tuple[int, int],
+    segment: Int32Array,
+    near: Neighbours,
+    same: FloatArray,
+    support: Support,
+    belief: FloatArray,
+    matched: FloatArray,
+    told: FloatArray,
+) -> None:
+    """What the neighbours' candidates say of candidates, nats.
+
+    part : first and end of the candidates of which ``told`` (k,) is filled; segment : (k,) left segment; same : (n,
+    NEIGHBOURS), the chance that a neighbour lies on one surface; matched : (n,), that a segment has any partner
     """
     start, column, first, who, ratio = support
-    rival_start, rival, odds = against
-    belief, score, likelihood = np.empty(len(own)), own.copy(), np.empty(len(own))
-    same = SEEN_AS_ONE * np.exp(-near.gap / radius)
-    matched, alone = np.empty(len(near.other)), np.empty(NEIGHBOURS)
-    for turn in range(rounds + 1):
-        for a in range(len(own)):
-            likelihood[a] = np.exp(min(score[a], MOST_ODDS))
-        matched[:] = 0.0
-        for a in range(len(own)):
-            total = 1.0 + likelihood[a]
-            for q in range(rival_start[a], rival_start[a + 1]):
-                total += odds[q] * likelihood[rival[q]]
-            belief[a] = likelihood[a] / total
-            matched[segment[a]] += belief[a]
-        if turn == rounds:
-            break
-        last = -1
-        for a in range(len(own)):
-            i = segment[a]
-            if i != last:
-                # A neighbour that has a disparity speaks against all others; one that has none says nothing.
-                silent, last = 0.0, i
-                for m in range(NEIGHBOURS):
-                    o = near.other[i, m]
-                    alone[m] = 1.0 - same[i, m] * min(matched[o], 1.0) if o >= 0 else 1.0
-                    silent += near.worth[i, m] * np.log(alone[m])
-            told = silent
-            for g in range(start[a], start[a + 1]):
-                m, part = column[g], 0.0
-                for q in range(first[g], first[g + 1]):
-                    part += ratio[q] * belief[who[q]]
-                told += near.worth[i, m] * np.log(1.0 + same[i, m] * part / alone[m])
-            score[a] = own[a] + told
-    return score, belief
+    alone, last, silent = np.empty(NEIGHBOURS), -1, 0.0
+    for a in range(part[0], part[1]):
+        i = segment[a]
+        if i != last:
+            # A neighbour that has a disparity speaks against all others; one that has none says nothing.
+            silent, last = 0.0, i
+            for m in range(NEIGHBOURS):
+                o = near.other[i, m]
+                alone[m] = 1.0 - same[i, m] * min(matched[o], 1.0) if o >= 0 else 1.0
+                silent += near.worth[i, m] * np.log(alone[m])
+        told[a] = silent
+        for g in range(start[a], start[a + 1]):
+            m, total = column[g], 0.0
+            for q in range(first[g], first[g + 1]):
+                total += ratio[q] * belief[who[q]]
+            told[a] += near.worth[i, m] * np.log(1.0 + same[i, m] * total / alone[m])
 
 
 @njit

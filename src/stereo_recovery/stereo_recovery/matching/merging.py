@@ -7,6 +7,7 @@ the plane of two edges that meet sees one line, where the other eye sees a corne
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from typing import Any, cast
 
@@ -41,40 +42,37 @@ class JoinedLine:
     miss: float
 
 
-def joined_line(segments: Segments, members: AnyArray, along: AnyArray) -> JoinedLine:
-    """The line that orthogonal regression over all points of these segments gives.
+def joined_line(segments: Segments, along: AnyArray) -> JoinedLine:
+    """The line that orthogonal regression over all points of segments gives.
 
-    members : (k,) indices of segments; along : (2,) a direction that the result's roughly has.
+    along : (2,) a direction that the result's roughly has.
     """
-    length = np.maximum(segments.length[members], 1.0)
-    middle = 0.5 * (segments.start[members] + segments.end[members])
-    run = segments.direction[members]
-    centre = np.average(middle, axis=0, weights=length)
+    start, end, run = segments.start, segments.end, segments.direction
+    length = np.maximum(segments.length, 1.0)
+    middle = 0.5 * (start + end)
+    share = length / length.sum()
+    centre = share @ middle
     away = middle - centre
-    scatter = (
-        np.einsum('n,ni,nj->ij', length, away, away) + np.einsum('n,ni,nj->ij', length**3 / 12.0, run, run)
-    ) / length.sum()
-    direction = np.linalg.eigh(scatter)[1][:, 1]
+    scatter = (share * away.T) @ away + (share * length**2 / 12.0 * run.T) @ run
+    angle = 0.5 * math.atan2(2.0 * scatter[0, 1], scatter[0, 0] - scatter[1, 1])
+    direction = np.array([math.cos(angle), math.sin(angle)])
     if direction @ along < 0.0:
         direction = -direction
     across = np.array([-direction[1], direction[0]])
-    ends = np.stack([segments.start[members], segments.end[members]], axis=1) - centre
+    ends = np.stack([start, end], axis=1) - centre
     places, off = ends @ direction, ends @ across
     first, last = places.min(), places.max()
     span = max(last - first, 1.0)
     # The residual's second-order part: how far the middle stands off the chord.
     chord = 0.5 * (off.flat[np.argmin(places)] + off.flat[np.argmax(places)])
     sagitta = float(off.flat[np.argmin(np.abs(places - 0.5 * (first + last)))] - chord)
-    share = length / length.sum()
-    plain = np.sqrt(
-        np.maximum(segments.sigma[members, 0] ** 2 - (SAGITTA_OFFSET * segments.sagitta[members]) ** 2, 1e-4)
-    )
+    plain = np.sqrt(np.maximum(segments.sigma[:, 0] ** 2 - (SAGITTA_OFFSET * segments.sagitta) ** 2, 1e-4))
     spread = float(np.sqrt((share * (away @ across) ** 2).sum()))
     offset = float(np.hypot(np.sqrt(((share * plain) ** 2).sum()), 0.5 * spread))
     sigma = np.array(
         [np.hypot(offset, SAGITTA_OFFSET * sagitta), np.hypot(np.sqrt(12.0) * offset, SAGITTA_SLOPE * sagitta) / span]
     )
-    rms = float(np.sqrt((share * (segments.rms[members] ** 2 + (away @ across) ** 2)).sum()))
+    rms = float(np.sqrt((share * (segments.rms**2 + (away @ across) ** 2)).sum()))
     return JoinedLine(centre, direction, np.array([first, last]), rms, sagitta, sigma, float(np.abs(off).max()))
 
 
@@ -110,15 +108,8 @@ def join_matched(matches: Matches, left: Segments, right: Segments) -> tuple[Mat
             members = members[np.argsort(0.5 * (side.start[members] + side.end[members]) @ axis)]
             head = members[0]
             for i in members[1:]:
-                pair = np.array([head, i])
-                line = joined_line(side, pair, side.direction[head])
-                gap = line.extent[1] - line.extent[0] - side.length[pair].sum()
-                (ax, ay), (bx, by) = side.direction[pair]
-                if (
-                    abs(ax * by - ay * bx) < PARTS_SINE
-                    and line.miss < PARTS_MISS
-                    and -4.0 < gap < PARTS_GAP * side.length[pair].sum()
-                ):
+                line = _one_line(side.select(np.array([head, i])))
+                if line is not None:
                     side = with_line(side, head, line)
                     kept[i] = False
                     becomes[i] = head
@@ -132,6 +123,16 @@ def join_matched(matches: Matches, left: Segments, right: Segments) -> tuple[Mat
         left, right = (left, side) if mirrored else (side, right)
         matches = _without_doubles(replace(matches, **cast(Any, {'right' if mirrored else 'left': own})), left)
     return matches, left, right
+
+
+def _one_line(pair: Segments) -> JoinedLine | None:
+    """The line of two segments that follow each other, None where they are not on one."""
+    (ax, ay), (bx, by) = pair.direction
+    if abs(ax * by - ay * bx) >= PARTS_SINE:
+        return None
+    line, length = joined_line(pair, pair.direction[0]), pair.length.sum()
+    gap = line.extent[1] - line.extent[0] - length
+    return line if line.miss < PARTS_MISS and -4.0 < gap < PARTS_GAP * length else None
 
 
 def _without_doubles(matches: Matches, left: Segments) -> Matches:

@@ -105,6 +105,8 @@ NEARER_LOG_ODDS, BESIDE, LEAST_BESIDE = 3.5, 60.0, 1.0
 # Share of matched ends left out at either end of the range of disparities, and the room beyond it: px, and as a share
 # of the range. [R]
 OUTLYING, ROOM, ROOM_SHARE = 0.02, 8.0, 0.25
+# Candidates whose messages are worth another thread: one costs 0.4 us, to hand work over and to wait for it 100 us. [D]
+LEAST_CANDIDATES = 1000
 
 # -- segments of one edge, and of two that one eye sees as one ---------------------------------------------------------
 
