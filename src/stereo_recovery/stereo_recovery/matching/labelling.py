@@ -109,20 +109,19 @@ def match(
     left, right = segments
     if len(left) == 0 or len(right) == 0:
         return Matches.empty(), None
-    one, other = spread(lambda eye: _Eye.of(greys[eye], segments[eye]), range(2))
-    tables, profiles = (one.table, other.table), [one.profiles, other.profiles]
-    density = grey_density(other.profiles)
+    left_eye, right_eye = spread(lambda eye: _Eye.of(greys[eye], segments[eye]), range(2))
+    density = grey_density(right_eye.profiles)
     near, every = together(
-        lambda: labelling_kernels.neighbours(one.table, one.met, radius),
-        lambda: candidate_kernels.candidates(*tables, greys[0].shape, *window),
+        lambda: labelling_kernels.neighbours(left_eye.table, left_eye.met, radius),
+        lambda: candidate_kernels.candidates(left_eye.table, right_eye.table, greys[0].shape, *window),
     )
 
     def odds(exposure: Exposure, of: Candidates) -> FloatArray:
         """(k,) log odds of candidates by themselves, without dense disparity."""
-        seen = (exposure.gain * profiles[0] + exposure.shift).astype(np.float32)
-        photometry = Photometry(seen, other.smooth, density, exposure.scale)
+        seen = (exposure.gain * left_eye.profiles + exposure.shift).astype(np.float32)
+        photometry = Photometry(seen, right_eye.smooth, density, exposure.scale)
         chance = np.log(PARTNER_ODDS / np.maximum(of.chances[of.node[:, 0]], 1.0))
-        return np.asarray(of.value[:, 5] + candidate_kernels.photometric(photometry, tables[0], of) + chance)
+        return np.asarray(of.value[:, 5] + candidate_kernels.photometric(photometry, left_eye.table, of) + chance)
 
     own = odds(Exposure(), every)
     kept = _in_the_game(every.node, own, len(left), len(right))
@@ -133,7 +132,7 @@ def match(
     lists = _lists(node, len(left), len(right))
     anywhere = min(window[1] - window[0], RANDOM_SHARE * greys[0].shape[1])
     support, against = together(
-        lambda: labelling_kernels.supporters(node, value, lists.first, near, other.met, anywhere),
+        lambda: labelling_kernels.supporters(node, value, lists.first, near, right_eye.met, anywhere),
         lambda: labelling_kernels.rival_lists(node, value, lists),
     )
 
@@ -145,7 +144,8 @@ def match(
     first = labelled(own, FIRST_ROUNDS)
     if late():
         return _matches(first), None
-    exposure, dense = learnt_exposure(profiles, node[first.chosen]), None
+    exposure = learnt_exposure([left_eye.profiles, right_eye.profiles], node[first.chosen])
+    dense = None
     if (np.minimum(first.belief, 1.0 - first.belief) > SETTLED).any():
         disparities = _range(value[first.chosen], window)
         own, dense = together(lambda: odds(exposure, game), lambda: DenseDisparity(*greys, *disparities))
