@@ -37,7 +37,7 @@ from .model.index import ModelIndex, extent_points, index_model, indexed
 from .model.problem import Problem, make_problem, usable
 from .model.regularity import regularity
 from .model.settings import SEARCH_WIDTH
-from .model.symmetry import Axis, distinct_pairs
+from .model.symmetry import Axis, distinct_pairs, symmetries
 from .params import MatchParams, MatchResult, no_match
 from .proof.certificate import certify
 from .search.free_scale import match_free
@@ -514,6 +514,7 @@ def compile_steps(
         ]
     )
     bars = FeatureSet.from_edges(corners[:4], corners[:4] * [1, 1, 0] + [0, 0, 2])
+    rod = FeatureSet.from_curves([[0, 0, 0], [0, 0, 1]], [[0, 0, -1], [0, 0, 1]], [0.2, 0.2])
     asked = params or MatchParams()
 
     def with_params(wanted: MatchParams) -> None:
@@ -521,6 +522,7 @@ def compile_steps(
         # Whatever evidence there is suffices: nothing is to be compiled only when something is found.
         match(model, model, replace(wanted, false_alarm_rate=1.0))
         problem = make_problem(indexed(model, 'model'), model, wanted)
+        symmetries(indexed(rod, 'rod'))
         none = Candidates(np.zeros((1, 12)), np.zeros(1))
         search_all_parallel(problem, True, none, Deadline())
 

@@ -7,7 +7,6 @@ the plane of two edges that meet sees one line, where the other eye sees a corne
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields, replace
 from typing import Any, cast
 
@@ -50,12 +49,12 @@ def joined_line(segments: Segments, along: AnyArray) -> JoinedLine:
     start, end, run = segments.start, segments.end, segments.direction
     length = np.maximum(segments.length, 1.0)
     middle = 0.5 * (start + end)
-    share = length / length.sum()
-    centre = share @ middle
+    centre = np.average(middle, axis=0, weights=length)
     away = middle - centre
-    scatter = (share * away.T) @ away + (share * length**2 / 12.0 * run.T) @ run
-    angle = 0.5 * math.atan2(2.0 * scatter[0, 1], scatter[0, 0] - scatter[1, 1])
-    direction = np.array([math.cos(angle), math.sin(angle)])
+    scatter = (
+        np.einsum('n,ni,nj->ij', length, away, away) + np.einsum('n,ni,nj->ij', length**3 / 12.0, run, run)
+    ) / length.sum()
+    direction = np.linalg.eigh(scatter)[1][:, 1]
     if direction @ along < 0.0:
         direction = -direction
     across = np.array([-direction[1], direction[0]])
@@ -66,6 +65,7 @@ def joined_line(segments: Segments, along: AnyArray) -> JoinedLine:
     # The residual's second-order part: how far the middle stands off the chord.
     chord = 0.5 * (off.flat[np.argmin(places)] + off.flat[np.argmax(places)])
     sagitta = float(off.flat[np.argmin(np.abs(places - 0.5 * (first + last)))] - chord)
+    share = length / length.sum()
     plain = np.sqrt(np.maximum(segments.sigma[:, 0] ** 2 - (SAGITTA_OFFSET * segments.sagitta) ** 2, 1e-4))
     spread = float(np.sqrt((share * (away @ across) ** 2).sum()))
     offset = float(np.hypot(np.sqrt(((share * plain) ** 2).sum()), 0.5 * spread))
