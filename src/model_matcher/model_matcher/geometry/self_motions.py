@@ -13,6 +13,7 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray
 
+from .pair_pose import pair_frame, pair_pose
 from .rigid_motion import rotate, transform
 from .settings import NOT_ZERO, PARALLEL_SINE
 
@@ -43,39 +44,24 @@ class Lookalikes(NamedTuple):
     size: float
 
 
-@njit(nogil=True)
-def crosses(rows: FloatArray, i: int, j: int) -> bool:
+@njit
+def _crosses(rows: FloatArray, i: int, j: int) -> bool:
     """Whether two features are far from parallel; nearer, their directions do not fix a motion well."""
     c = rows[i, 3] * rows[j, 3] + rows[i, 4] * rows[j, 4] + rows[i, 5] * rows[j, 5]
     return bool(abs(c) <= np.cos(np.arcsin(PARALLEL_SINE)))
 
 
 @njit
-def _second_direction(rows: FloatArray, i: int, j: int) -> tuple[float, float, float]:
-    """What fixes a frame with the direction of i: that of j, or the way to j where the two are parallel."""
-    if crosses(rows, i, j):
-        return rows[j, 3], rows[j, 4], rows[j, 5]
+def _fill_pair(rows: FloatArray, i: int, j: int, pair: FloatArray) -> None:
+    """Fill (2, 9): two features; of parallel ones, the second has the direction of the way to it."""
+    pair[0], pair[1] = rows[i], rows[j]
+    if _crosses(rows, i, j):
+        return
     x, y, z = rows[j, 0] - rows[i, 0], rows[j, 1] - rows[i, 1], rows[j, 2] - rows[i, 2]
     along = x * rows[i, 3] + y * rows[i, 4] + z * rows[i, 5]
     x, y, z = x - along * rows[i, 3], y - along * rows[i, 4], z - along * rows[i, 5]
     n = 1.0 / max(np.sqrt(x * x + y * y + z * z), NOT_ZERO)
-    return n * x, n * y, n * z
-
-
-@njit
-def _frame(u: FloatArray, v: tuple[float, float, float], sign_u: float, sign_v: float, out: FloatArray) -> None:
-    """Fill (9,): bisector, difference and common normal of two directions; the errors of both count alike."""
-    ux, uy, uz = sign_u * u[0], sign_u * u[1], sign_u * u[2]
-    vx, vy, vz = sign_v * v[0], sign_v * v[1], sign_v * v[2]
-    ax, ay, az = ux + vx, uy + vy, uz + vz
-    n = 1.0 / np.sqrt(ax * ax + ay * ay + az * az)
-    ax, ay, az = n * ax, n * ay, n * az
-    cx, cy, cz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    n = 1.0 / np.sqrt(cx * cx + cy * cy + cz * cz)
-    cx, cy, cz = n * cx, n * cy, n * cz
-    out[0], out[1], out[2] = ax, ay, az
-    out[3], out[4], out[5] = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
-    out[6], out[7], out[8] = cx, cy, cz
+    pair[1, 3], pair[1, 4], pair[1, 5] = n * x, n * y, n * z
 
 
 @njit(nogil=True)
@@ -86,7 +72,7 @@ def lays_on_lookalikes(motion: FloatArray, model: Lookalikes) -> bool:
         x, y, z = transform(motion, rows[k, 0], rows[k, 1], rows[k, 2])
         u, v, w = rotate(motion, rows[k, 3], rows[k, 4], rows[k, 5])
         # An edge's ends must come to lie as near as its middle; a curve's normal has no length, but a radius.
-        lever = rows[k, 6] if rows[k, 7] != rows[k, 7] else max(rows[k, 6], rows[k, 7])
+        lever = rows[k, 6] if np.isnan(rows[k, 7]) else max(rows[k, 6], rows[k, 7])
         found = False
         for m in range(len(rows)):
             if not model.alike[k, m]:
@@ -135,32 +121,30 @@ def self_motions(i: int, j: int, model: Lookalikes) -> FloatArray:
         Each once, the one that moves nothing first.
     """
     rows, alike = model.rows, model.alike
-    crossing = crosses(rows, i, j)
-    second = _second_direction(rows, i, j)
-    c = rows[i, 3] * second[0] + rows[i, 4] * second[1] + rows[i, 5] * second[2]
-    gap = _apart(rows, i, j)
-    source, target, motion = np.empty(9), np.empty(9), np.empty(12)
-    _frame(rows[i, 3:6], second, 1.0, 1.0, source)
+    pair, other = np.empty((2, 9)), np.empty((2, 9))
+    source, target, motion = np.empty(12), np.empty(12), np.empty(12)
+    crossing, gap = _crosses(rows, i, j), _apart(rows, i, j)
+    _fill_pair(rows, i, j, pair)
+    cosine = _cosine(pair)
+    pair_frame(pair, 0, 0.0, 1, 1.0, 0.0, source)
     found = np.zeros((4, 12))
     found[0, 0], found[0, 4], found[0, 8] = 1.0, 1.0, 1.0
     count = 1
     for k in range(len(rows)):
         for m in range(len(rows)):
-            if k == m or not alike[i, k] or not alike[j, m] or crossing != crosses(rows, k, m):
+            if k == m or not alike[i, k] or not alike[j, m] or crossing != _crosses(rows, k, m):
                 continue
             if abs(_apart(rows, k, m) - gap) >= 2.0 * model.tolerance:
                 continue
-            v = _second_direction(rows, k, m)
-            towards = rows[k, 3] * v[0] + rows[k, 4] * v[1] + rows[k, 5] * v[2]
+            _fill_pair(rows, k, m, other)
+            # Either direction may be reversed, but the way from one feature to the other may not.
             for which in range(4 if crossing else 2):
-                # Both signs of the first direction; of the second, where it is a feature's own.
-                first, sign = (
-                    (1.0 - 2.0 * (which // 2), 1.0 - 2.0 * (which % 2)) if crossing else (1.0 - 2.0 * which, 1.0)
-                )
-                if abs(first * sign * towards - c) > model.same:
+                turn = 1.0 - 2.0 * (which // 2 if crossing else which)
+                flip = turn * (1.0 - 2.0 * (which % 2) if crossing else 1.0)
+                if abs(flip * _cosine(other) - cosine) > model.same:
                     continue
-                _frame(rows[k, 3:6], v, first, sign, target)
-                _between(rows, (i, j), (k, m), source, target, motion)
+                pair_frame(other, 0, 0.0, 1, flip, 0.0, target)
+                pair_pose(target, source, turn, motion)
                 known = False
                 for one in range(count):
                     known = known or _the_same(found[one], motion, model)
@@ -174,31 +158,14 @@ def self_motions(i: int, j: int, model: Lookalikes) -> FloatArray:
 
 
 @njit
+def _cosine(pair: FloatArray) -> float:
+    """Of the angle between the directions of a pair (2, 9)."""
+    return float(pair[0, 3] * pair[1, 3] + pair[0, 4] * pair[1, 4] + pair[0, 5] * pair[1, 5])
+
+
+@njit
 def _apart(rows: FloatArray, i: int, j: int) -> float:
     """Metres between two features' middles."""
     return float(
         np.sqrt((rows[j, 0] - rows[i, 0]) ** 2 + (rows[j, 1] - rows[i, 1]) ** 2 + (rows[j, 2] - rows[i, 2]) ** 2)
     )
-
-
-@njit
-def _between(
-    rows: FloatArray,
-    pair: tuple[int, int],
-    other: tuple[int, int],
-    source: FloatArray,
-    target: FloatArray,
-    motion: FloatArray,
-) -> None:
-    """Fill (12,): the motion that lays a pair of this frame (9,) on another of that frame, middle upon middle."""
-    for p in range(3):
-        for q in range(3):
-            total = 0.0
-            for axis in range(3):
-                total += target[3 * axis + p] * source[3 * axis + q]
-            motion[3 * p + q] = total
-    (i, j), (k, m) = pair, other
-    x, y, z = rotate(motion, rows[i, 0] + rows[j, 0], rows[i, 1] + rows[j, 1], rows[i, 2] + rows[j, 2])
-    motion[9] = 0.5 * (rows[k, 0] + rows[m, 0] - x)
-    motion[10] = 0.5 * (rows[k, 1] + rows[m, 1] - y)
-    motion[11] = 0.5 * (rows[k, 2] + rows[m, 2] - z)

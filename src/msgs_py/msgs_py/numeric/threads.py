@@ -136,7 +136,7 @@ def parts_of(count: int, least: int) -> list[tuple[int, int]]:
     >>> parts_of(10, 20)
     [(0, 10)]
     """
-    parts = min(THREADS, cores(), max(1, count // least))
+    parts = _workers(max(1, count // least))
     return [(count * part // parts, count * (part + 1) // parts) for part in range(parts)]
 
 
