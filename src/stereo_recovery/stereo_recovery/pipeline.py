@@ -296,7 +296,7 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     )
     watch.stage('curves')
     late = watch.late_after(EDGES_SHARE, 'edges: parallel groups')
-    beside = Beside(rig, rows.sigma, shapes.reported, strips, views, late)
+    beside = Beside(rig, (pair.views[0].grey, pair.views[1].grey), rows.sigma, shapes.reported, strips, views, late)
     lines, line_segments = _straight_lines(shown, shapes, beside)
     watch.stage('lines')
     in_space = to_space(lines, line_segments[0], rig)

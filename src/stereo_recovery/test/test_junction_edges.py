@@ -13,6 +13,8 @@ from stereo_recovery.matching.matches import Matches
 from stereo_recovery.matching.stereo_segments import StereoSegments
 
 RIG = StereoRig.symmetric(PinholeCamera.centred(512, 512, 703.0), 0.05)
+# Pictures that show nothing beyond the segments.
+GREYS = (np.zeros((512, 512), np.float32),) * 2
 
 # A quadrangle of known edges and, below its lower left corner, an edge that leads to the corner of another face.
 TOP_LEFT, TOP_RIGHT, LOW_RIGHT, LOW_LEFT, DEEP, DEEP_RIGHT = (
@@ -52,7 +54,7 @@ def pair(lines: list) -> tuple[Matches, Segments, Segments]:
 def found(matches: Matches, left: Segments, right: Segments) -> list[tuple[np.ndarray, np.ndarray]]:
     """Left ends (2, 2) of the edges, and their disparities (2,)."""
     seen = StereoSegments.of(matches, (left, right))
-    lines, (shown, _) = edges(seen, Beside(RIG, 0.05))
+    lines, (shown, _) = edges(seen, Beside(RIG, GREYS, 0.05))
     return [
         (shown.centre[i] + extent[:, None] * shown.direction[i], a + b * extent)
         for i, extent, (a, b) in zip(lines.left, lines.extent, lines.coefficient)

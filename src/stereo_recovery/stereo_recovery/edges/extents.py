@@ -1,16 +1,16 @@
-"""Where straight edges begin and end: the part that both images show."""
+"""Where straight edges begin and end: the part that both images show, and as far beyond as the pictures go on."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from msgs_py.numeric.typed import BoolArray, FloatArray
+from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray
 
-from ..estimation.settings import END_SHARE, LOOSE_END_SIGMA, SAME_PLACE, STEEP
+from ..estimation.settings import LOOSE_END_SIGMA, SAME_PLACE, STEEP
 from ..matching.stereo_segments import StereoSegments
-from .settings import LOST
+from .following_kernels import Courses, follow
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ def _seen_by_right(seen: StereoSegments, x: FloatArray) -> FloatArray:
 
 
 def extents(seen: StereoSegments, x: FloatArray) -> Extents:
-    """Where the edges end.
+    """Where the part of edges that both images' segments show ends.
 
     Parameters
     ----------
@@ -64,12 +64,46 @@ def extents(seen: StereoSegments, x: FloatArray) -> Extents:
     abscissa = np.where(same, mine, inner)
     cut = ~same & (inner != mine)
     told, sigma = np.where(cut, its_corner, corner), np.where(cut, other.sigma, own.sigma)
-    sigma = np.where(told, sigma, LOOSE_END_SIGMA)
-    # A chain that just stops is lost, not hidden: the edge goes on to the corner that the other image shows.
-    span = np.maximum(inner[:, 1] - inner[:, 0], 1.0)[:, None]
-    lost_right = cut & corner & ~own.t_junction & ~its_corner
-    lost_left = ~corner & (inner == mine) & its_corner & ~other.t_junction
-    lost = (lost_right | lost_left) & (np.abs(its - mine) < np.maximum(LOST, END_SHARE * span))
-    abscissa = np.where(lost, np.where(lost_right, mine, its), abscissa)
-    sigma = np.where(lost, np.where(lost_right, own.sigma, other.sigma), sigma)
-    return Extents(abscissa, sigma, same & its_corner)
+    return Extents(abscissa, np.where(told, sigma, LOOSE_END_SIGMA), same & its_corner)
+
+
+def followed(
+    ends: Extents, seen: StereoSegments, found: tuple[FloatArray, FloatArray], greys: tuple[Float32Array, Float32Array]
+) -> Extents:
+    """Where edges end, when the pictures are asked whether they go on where a chain just stops.
+
+    A chain is lost where its contrast fades, in one image sooner than in the other. An end is no such stop where it is
+    a corner of the left image, or one that both images show.
+
+    Parameters
+    ----------
+    ends : Extents
+        Of n edges, by their segments.
+    seen : StereoSegments
+    found : (n, 2), (n, 2, 2)
+        Their disparities a + b s, and the covariance.
+    greys : (h, w) float32, (h, w) float32
+        The pictures.
+    """
+    own, other = seen.ends
+    left, i = seen.segments[0], seen.index[0]
+    outward = np.array([-1.0, 1.0])
+    stop = np.stack([own.abscissa, _seen_by_right(seen, found[0])])
+    farther = outward * stop[1] > outward * stop[0]
+    stop = outward * np.maximum(outward * stop, outward * ends.abscissa)
+    corner, its_corner = own.neighbour >= 0, other.neighbour >= 0
+    # What hides an edge from the right eye alone is no end of what the left one sees.
+    shut = np.stack([corner, its_corner & farther]) | ends.in_both | ~seen.paired[:, None]
+    courses = Courses(
+        np.column_stack([left.centre[i], left.direction[i]]), *found, stop, shut, np.stack([corner, its_corner])
+    )
+    abscissa = follow(greys, courses, ends.abscissa)
+    goes_on = abscissa != ends.abscissa
+    # At a stop that the farther-sighted image shows, the edge ends as it does there.
+    far = np.where(farther, stop[1], stop[0])
+    reached = goes_on & (np.abs(abscissa - far) < 1.0)
+    at_corner = reached & np.where(farther, its_corner, corner)
+    # Elsewhere it may end anywhere on the way.
+    on_the_way = np.hypot(LOOSE_END_SIGMA, (abscissa - ends.abscissa) / np.sqrt(3.0))
+    its_sigma = np.where(at_corner, np.where(farther, other.sigma, own.sigma), on_the_way)
+    return replace(ends, abscissa=np.where(reached, far, abscissa), sigma=np.where(goes_on, its_sigma, ends.sigma))

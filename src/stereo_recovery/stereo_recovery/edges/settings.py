@@ -17,9 +17,11 @@ MOST_ERR_PER = math.sqrt(0.5)
 
 # -- where edges end ---------------------------------------------------------------------------------------------------
 
-# px: a chain that stops this far before a corner of the other image, or END_SHARE of what both show, is lost, not
-# hidden. [R]
-LOST = 20.0
+# Share of its contrast, in the mean, above which an edge goes on beyond a chain's end. [D] Of edges with any share up
+# to the whole, and none, forty pixels of texture of a third of the contrast show as much of either.
+GOES_ON = 0.1
+# px from the line where it is looked for. [R] Another edge, or a bend, is soon as far away.
+COURSE_OFFSET = 1.0
 
 # -- edges between corners ---------------------------------------------------------------------------------------------
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from msgs_py import StereoRig
-from msgs_py.numeric.typed import BoolArray, FloatArray
+from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray
 
 from ..curves.curve import Curve
 from ..detection.segments import Segments
@@ -28,7 +28,7 @@ from ..estimation.texture import AlignedStrips, texture_factors
 from ..estimation.texture_kernels import ALIGNED, DENSE
 from ..matching.stereo_segments import StereoSegments
 from ..stopwatch import Late, never
-from .extents import extents
+from .extents import extents, followed
 from .further_views import ViewLines, joint_lines, view_extents
 from .junction_edges import corners, junction_edges
 from .lines3d import Lines3D, line_covariance
@@ -42,6 +42,8 @@ class Beside:
     Attributes
     ----------
     rig : StereoRig
+    greys : (h, w) float32, (h, w) float32
+        Both pictures, grey levels.
     row_sigma : float, pixels
         By which single rows of the two images disagree.
     curves : sequence of Curve
@@ -55,6 +57,7 @@ class Beside:
     """
 
     rig: StereoRig
+    greys: tuple[Float32Array, Float32Array]
     row_sigma: float
     curves: Sequence[Curve] = ()
     strips: AlignedStrips | None = None
@@ -149,7 +152,8 @@ def edges(seen: StereoSegments, beside: Beside) -> tuple[Lines3D, tuple[Segments
     """
     found = solved(seen, beside)
     covariance = without_accidents(found)
-    ends = view_extents(beside.views, seen, found.x, extents(seen, found.x))
+    own = followed(extents(seen, found.x), seen, (found.x, covariance), beside.greys)
+    ends = view_extents(beside.views, seen, found.x, own)
     left = seen.matches.left
     lines = Lines3D(
         left,
