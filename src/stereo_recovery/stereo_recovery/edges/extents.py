@@ -94,10 +94,10 @@ def followed(
     corner, its_corner = own.neighbour >= 0, other.neighbour >= 0
     # What hides an edge from the right eye alone is no end of what the left one sees.
     shut = np.stack([corner, its_corner & farther]) | ends.in_both | ~seen.paired[:, None]
-    courses = Courses(
-        np.column_stack([left.centre[i], left.direction[i]]), *found, stop, shut, np.stack([corner, its_corner])
-    )
-    abscissa = follow(greys, courses, ends.abscissa)
+    line = np.column_stack([left.centre[i], left.direction[i]])
+    own_segments, taken = np.stack(seen.index).astype(np.int64), (seen.edge_of[0] >= 0, seen.edge_of[1] >= 0)
+    courses = Courses(line, *found, stop, shut, np.stack([corner, its_corner]), own_segments, taken)
+    abscissa = follow(greys, (left.lines, seen.segments[1].lines), courses, ends.abscissa)
     goes_on = abscissa != ends.abscissa
     # At a stop that the farther-sighted image shows, the edge ends as it does there.
     far = np.where(farther, stop[1], stop[0])

@@ -8,15 +8,18 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.settings import DECISIVE
-from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray, Int32Array
+from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
+from msgs_py.settings import BOUND_SIGMA
 
+from ..detection.line_kernels import Lines, point_at
 from ..detection.settings import RUNS_INTO_SINE
 from ..estimation.settings import OPEN_SIGMA
 from .settings import COURSE_OFFSET, GOES_ON
 
 # The pictures of the left and the right eye, grey levels.
 Pictures = tuple[Float32Array, Float32Array]
-# Which edges have segments in them, see :func:`_marked`.
+# All segments of both, and in which pixels they are, see :func:`_marked`.
+BothLines = tuple[Lines, Lines]
 Marks = tuple[Int32Array, Int32Array]
 
 
@@ -37,6 +40,10 @@ class Courses(NamedTuple):
         The edge does not go on beyond this stop, whatever the image shows there.
     corner : (2, n, 2) bool
         Of the left and the right image: the stop is a corner, where edges end as a rule.
+    own : (2, n) int64
+        The edges' segments in the left and the right image.
+    taken : (k,) bool, (m,) bool
+        Which of all segments of the left and of the right image show an edge.
     """
 
     line: FloatArray
@@ -45,6 +52,8 @@ class Courses(NamedTuple):
     stop: FloatArray
     shut: BoolArray
     corner: BoolArray
+    own: IntArray
+    taken: tuple[BoolArray, BoolArray]
 
 
 @njit
@@ -59,30 +68,34 @@ def _seen_at(courses: Courses, e: int, s: float, eye: int) -> tuple[float, float
 
 
 @njit
-def _marked(shape: tuple[int, int], courses: Courses, eye: int) -> Int32Array:
-    """(h, w) int32: one more than the edge whose segment is in a pixel of one eye's picture, 0 where none is."""
+def _marked(shape: tuple[int, int], lines: Lines) -> Int32Array:
+    """(h, w) int32: one more than the segment that is in a pixel of a picture, 0 where none is."""
     result = np.zeros(shape, np.int32)
-    for e in range(len(courses.line)):
-        s = courses.stop[eye, e, 0]
-        while s <= courses.stop[eye, e, 1]:
-            u, v, _, _ = _seen_at(courses, e, s, eye)
+    for k in range(len(lines.centre)):
+        s = lines.extent[k, 0]
+        while s <= lines.extent[k, 1]:
+            u, v = point_at(lines, k, s)
             if u >= 0.0 and v >= 0.0 and u < shape[1] - 1 and v < shape[0] - 1:
-                result[int(v + 0.5), int(u + 0.5)] = e + 1
+                result[int(v + 0.5), int(u + 0.5)] = k + 1
             s += 1.0
     return result
 
 
 @njit
-def _runs_into(marked: Int32Array, courses: Courses, e: int, s: float, eye: int) -> bool:
-    """Whether at an abscissa, inside the picture, an edge that goes on with edge e has its segment."""
+def _runs_into(marked: Int32Array, lines: Lines, courses: Courses, e: int, s: float, eye: int) -> bool:
+    """Whether edge e comes to another segment that goes on with it, at an abscissa inside the picture.
+
+    A segment that no other edge has, and whose direction may be the edge's, is a part of it.
+    """
     u, v, du, dv = _seen_at(courses, e, s, eye)
+    length = np.hypot(du, dv)
     for row in range(int(v + 0.5) - 1, int(v + 0.5) + 2):
         for column in range(int(u + 0.5) - 1, int(u + 0.5) + 2):
             k = marked[row, column] - 1
-            if k >= 0 and k != e:
-                _, _, other_du, other_dv = _seen_at(courses, k, 0.0, eye)
-                sine = abs(du * other_dv - dv * other_du)
-                if sine < RUNS_INTO_SINE * np.hypot(du, dv) * np.hypot(other_du, other_dv):
+            if k >= 0 and k != courses.own[eye, e]:
+                apart = abs(du * lines.direction[k, 1] - dv * lines.direction[k, 0])
+                turned = apart > BOUND_SIGMA * lines.sigma[k, 1] * length
+                if apart < RUNS_INTO_SINE * length and (turned or courses.taken[eye][k]):
                     return True
     return False
 
@@ -113,7 +126,14 @@ def _usual(pictures: Pictures, courses: Courses, e: int, ends: FloatArray, eye: 
 
 @njit
 def _goes_on(
-    pictures: Pictures, marked: Marks, courses: Courses, usual: tuple[float, float], e: int, end: int, s: float
+    pictures: Pictures,
+    marked: Marks,
+    lines: BothLines,
+    courses: Courses,
+    usual: tuple[float, float],
+    e: int,
+    end: int,
+    s: float,
 ) -> float:
     """What the pictures say for edge e at an abscissa beyond one of its ends; -infinity where it ends in any case.
 
@@ -131,7 +151,7 @@ def _goes_on(
         shown = _across(pictures[eye], courses, e, s, eye)
         if courses.shut[eye, e, end] or usual[eye] == 0.0 or np.isnan(shown):
             return -np.inf
-        if _runs_into(marked[eye], courses, e, s, eye):
+        if _runs_into(marked[eye], lines[eye], courses, e, s, eye):
             return -np.inf
         least = min(least, max(shown / usual[eye], -1.0))
     return least - GOES_ON
@@ -147,7 +167,7 @@ def _at_corner(courses: Courses, e: int, end: int, s: float) -> float:
 
 
 @njit(nogil=True)
-def follow(pictures: Pictures, courses: Courses, ends: FloatArray) -> FloatArray:
+def follow(pictures: Pictures, lines: BothLines, courses: Courses, ends: FloatArray) -> FloatArray:
     """Where edges end if they go on as far as the pictures do.
 
     The sum of what both pictures show beyond an end, against an edge that has stopped, is largest where it stops.
@@ -155,6 +175,8 @@ def follow(pictures: Pictures, courses: Courses, ends: FloatArray) -> FloatArray
     Parameters
     ----------
     pictures : (h, w) float32, (h, w) float32
+    lines : Lines, Lines
+        All segments of the left and of the right image.
     courses : Courses
     ends : (n, 2) float64, pixels
         Of what both images' segments show.
@@ -164,7 +186,7 @@ def follow(pictures: Pictures, courses: Courses, ends: FloatArray) -> FloatArray
     (n, 2) float64, pixels
         No end is nearer to the middle than it was.
     """
-    marked = _marked(pictures[0].shape, courses, 0), _marked(pictures[1].shape, courses, 1)
+    marked = _marked(pictures[0].shape, lines[0]), _marked(pictures[1].shape, lines[1])
     result = ends.copy()
     for e in range(len(ends)):
         usual = _usual(pictures, courses, e, ends[e], 0), _usual(pictures, courses, e, ends[e], 1)
@@ -173,7 +195,7 @@ def follow(pictures: Pictures, courses: Courses, ends: FloatArray) -> FloatArray
             total, peak, step = 0.0, 0.0, 0
             most = _at_corner(courses, e, end, ends[e, end])
             while total > peak - DECISIVE:
-                total += _goes_on(pictures, marked, courses, usual, e, end, ends[e, end] + way * (step + 0.5))
+                total += _goes_on(pictures, marked, lines, courses, usual, e, end, ends[e, end] + way * (step + 0.5))
                 step, peak = step + 1, max(peak, total)
                 here = ends[e, end] + way * step
                 likely = total + _at_corner(courses, e, end, here)

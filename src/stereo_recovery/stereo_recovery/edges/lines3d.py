@@ -27,7 +27,7 @@ class Lines3D:
     left, right : (n,) int32
         The segments.
     extent : (n, 2) float64
-        Pixels along the left segment: the part both see.
+        Pixels along the left segment: where the edges begin and end.
     coefficient : (n, 2) float64
         Disparity a + b s.
     covariance : (n, 2, 2)

@@ -62,7 +62,7 @@ def is_edge(
     curves : sequence of Curve
         Of the pair.
     min_length : float
-        Pixels. Of the part of an edge that both images show.
+        Pixels. Of an edge in the left image.
 
     Returns
     -------
