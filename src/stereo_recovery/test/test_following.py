@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -102,3 +104,11 @@ def test_a_plain_picture_takes_nothing_away():
     found, ends = rows(seen((40.0, 160.0), (50.0, 150.0)), (plain, plain))
     assert found == pytest.approx([50.0, 150.0], abs=1e-9)
     assert ends.sigma == pytest.approx(np.full((1, 2), 4.0))
+
+
+def test_what_hides_an_edge_from_the_left_eye_ends_it():
+    whole = contrast(20, 180)
+    shown = seen((40.0, 160.0), (40.0, 160.0))
+    left = replace(shown.junctions[0], t_junction=np.ones((1, 2), bool))
+    found, _ = rows(replace(shown, junctions=(left, shown.junctions[1])), pictures(whole, whole))
+    assert found == pytest.approx([40.0, 160.0], abs=1e-9)

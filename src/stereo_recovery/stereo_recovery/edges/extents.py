@@ -92,8 +92,8 @@ def followed(
     farther = outward * stop[1] > outward * stop[0]
     stop = outward * np.maximum(outward * stop, outward * ends.abscissa)
     corner, its_corner = own.neighbour >= 0, other.neighbour >= 0
-    # What hides an edge from the right eye alone is no end of what the left one sees.
-    shut = np.stack([corner, its_corner & farther]) | ends.in_both | ~seen.paired[:, None]
+    # What hides an edge from the left eye ends it; from the right one alone, it is no end of what the left one sees.
+    shut = np.stack([corner | own.t_junction, its_corner & farther]) | ends.in_both | ~seen.paired[:, None]
     line = np.column_stack([left.centre[i], left.direction[i]])
     own_segments, taken = np.stack(seen.index).astype(np.int64), (seen.edge_of[0] >= 0, seen.edge_of[1] >= 0)
     courses = Courses(line, *found, stop, shut, np.stack([corner, its_corner]), own_segments, taken)
