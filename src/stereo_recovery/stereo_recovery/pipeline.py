@@ -200,6 +200,11 @@ class _MatchedPair:
     reason: str = ''
 
     @property
+    def greys(self) -> tuple[Float32Array, Float32Array]:
+        """(h, w) each, grey levels: the left and the right picture."""
+        return self.views[0].grey, self.views[1].grey
+
+    @property
     def edgels(self) -> tuple[Edgels, Edgels]:
         """Of the left and of the right picture."""
         return self.views[0].edgels, self.views[1].edgels
@@ -277,7 +282,7 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
         )
     rig, matches, segments = pair.rig, pair.matches, pair.segments
     seen = StereoSegments.of(matches, segments)
-    texture = None if pair.dense is None else Texture.of((pair.views[0].grey, pair.views[1].grey), pair.dense)
+    texture = None if pair.dense is None else Texture.of(pair.greys, pair.dense)
     strips = None if texture is None else AlignedStrips(segments[0], texture)
     beside_edges = None if strips is None else texture_rows(seen, strips)
     witnesses = row_witnesses(seen, beside_edges)
@@ -296,7 +301,7 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     )
     watch.stage('curves')
     late = watch.late_after(EDGES_SHARE, 'edges: parallel groups')
-    beside = Beside(rig, (pair.views[0].grey, pair.views[1].grey), rows.sigma, shapes.reported, strips, views, late)
+    beside = Beside(rig, pair.greys, rows.sigma, shapes.reported, strips, views, late)
     lines, line_segments = _straight_lines(shown, shapes, beside)
     watch.stage('lines')
     in_space = to_space(lines, line_segments[0], rig)
@@ -308,7 +313,7 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
         kept &= ~on_curves(lines, line_segments, curves)
     curves = oriented_by_faces(curves, in_space.ends[kept], in_space.err_per[kept])
     in_space = with_rig_error(in_space, COLUMNS_OVER_ROWS * rows.sigma, rig)
-    parts = EdgesInSpace(*join_parts(in_space.ends[kept], in_space.covariance[kept], rig, pair.views[0].grey))
+    parts = EdgesInSpace(*join_parts(in_space.ends[kept], in_space.covariance[kept], rig, pair.greys[0]))
     features = FeatureSet.concatenate(
         [_edge_features(parts, curves), curve_features(curves), axis_features(shapes.axes)]
     )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stereo_recovery.detection.segments import Segments
-from stereo_recovery.edges.extents import Extents, extents, followed
+from stereo_recovery.edges.extents import Extents, followed
 from stereo_recovery.matching.matches import Matches
 from stereo_recovery.matching.stereo_segments import StereoSegments
 
@@ -44,7 +44,7 @@ def seen(left: tuple[float, float], right: tuple[float, float]) -> StereoSegment
 def rows(shown: StereoSegments, greys: tuple, covariance: np.ndarray = SURE) -> tuple[np.ndarray, Extents]:
     """First and last row of the edge, and its ends."""
     x = np.array([[DISPARITY, 0.0]])
-    ends = followed(extents(shown, x), shown, (x, covariance), greys)
+    ends = followed(shown, (x, covariance), greys)
     left = shown.segments[0]
     return left.centre[0, 1] + ends.abscissa[0] * left.direction[0, 1], ends
 

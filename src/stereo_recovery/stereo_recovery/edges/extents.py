@@ -54,8 +54,13 @@ def extents(seen: StereoSegments, x: FloatArray) -> Extents:
     x : (n, 2)
         Their disparities a + b s.
     """
+    return _in_both(seen, _seen_by_right(seen, x))
+
+
+def _in_both(seen: StereoSegments, its: FloatArray) -> Extents:
+    """As :func:`extents`; its : (n, 2) where the right image's segments end, along the left ones."""
     own, other = seen.ends
-    mine, its = own.abscissa, _seen_by_right(seen, x)
+    mine = own.abscissa
     corner, its_corner = own.neighbour >= 0, other.neighbour >= 0
     hidden = own.t_junction | other.t_junction
     inner = np.stack([np.maximum(mine[:, 0], its[:, 0]), np.minimum(mine[:, 1], its[:, 1])], axis=1)
@@ -68,7 +73,7 @@ def extents(seen: StereoSegments, x: FloatArray) -> Extents:
 
 
 def followed(
-    ends: Extents, seen: StereoSegments, found: tuple[FloatArray, FloatArray], greys: tuple[Float32Array, Float32Array]
+    seen: StereoSegments, found: tuple[FloatArray, FloatArray], greys: tuple[Float32Array, Float32Array]
 ) -> Extents:
     """Where edges end, when the pictures are asked whether they go on where a chain just stops.
 
@@ -77,27 +82,28 @@ def followed(
 
     Parameters
     ----------
-    ends : Extents
-        Of n edges, by their segments.
     seen : StereoSegments
+        n edges.
     found : (n, 2), (n, 2, 2)
         Their disparities a + b s, and the covariance.
     greys : (h, w) float32, (h, w) float32
         The pictures.
     """
     own, other = seen.ends
-    left, i = seen.segments[0], seen.index[0]
+    its = _seen_by_right(seen, found[0])
+    ends = _in_both(seen, its)
     outward = np.array([-1.0, 1.0])
-    stop = np.stack([own.abscissa, _seen_by_right(seen, found[0])])
+    stop = np.stack([own.abscissa, its])
     farther = outward * stop[1] > outward * stop[0]
     stop = outward * np.maximum(outward * stop, outward * ends.abscissa)
     corner, its_corner = own.neighbour >= 0, other.neighbour >= 0
     # What hides an edge from the left eye ends it; from the right one alone, it is no end of what the left one sees.
     shut = np.stack([corner | own.t_junction, its_corner & farther]) | ends.in_both | ~seen.paired[:, None]
-    line = np.column_stack([left.centre[i], left.direction[i]])
-    own_segments, taken = np.stack(seen.index).astype(np.int64), (seen.edge_of[0] >= 0, seen.edge_of[1] >= 0)
-    courses = Courses(line, *found, stop, shut, np.stack([corner, its_corner]), own_segments, taken)
-    abscissa = follow(greys, (left.lines, seen.segments[1].lines), courses, ends.abscissa)
+    lines = seen.segments[0].lines, seen.segments[1].lines
+    taken = seen.edge_of[0] >= 0, seen.edge_of[1] >= 0
+    index = np.stack(seen.index).astype(np.int64)
+    courses = Courses(lines, index, *found, stop, shut, np.stack([corner, its_corner]), taken)
+    abscissa = follow(greys, courses, ends.abscissa)
     goes_on = abscissa != ends.abscissa
     # At a stop that the farther-sighted image shows, the edge ends as it does there.
     far = np.where(farther, stop[1], stop[0])

@@ -18,8 +18,7 @@ from .settings import COURSE_OFFSET, GOES_ON
 
 # The pictures of the left and the right eye, grey levels.
 Pictures = tuple[Float32Array, Float32Array]
-# All segments of both, and in which pixels they are, see :func:`_marked`.
-BothLines = tuple[Lines, Lines]
+# In which pixels of both segments are, see :func:`_marked`.
 Marks = tuple[Int32Array, Int32Array]
 
 
@@ -28,8 +27,10 @@ class Courses(NamedTuple):
 
     Attributes
     ----------
-    line : (n, 4) float64
-        A point of the left line, and its direction, pixels.
+    lines : (Lines, Lines)
+        All segments of the left and of the right image.
+    own : (2, n) int64
+        The edges' segments in the left and the right image.
     x : (n, 2) float64
         Disparity a + b s at abscissa s.
     covariance : (n, 2, 2) float64
@@ -40,27 +41,25 @@ class Courses(NamedTuple):
         The edge does not go on beyond this stop, whatever the image shows there.
     corner : (2, n, 2) bool
         Of the left and the right image: the stop is a corner, where edges end as a rule.
-    own : (2, n) int64
-        The edges' segments in the left and the right image.
     taken : (k,) bool, (m,) bool
         Which of all segments of the left and of the right image show an edge.
     """
 
-    line: FloatArray
+    lines: tuple[Lines, Lines]
+    own: IntArray
     x: FloatArray
     covariance: FloatArray
     stop: FloatArray
     shut: BoolArray
     corner: BoolArray
-    own: IntArray
     taken: tuple[BoolArray, BoolArray]
 
 
 @njit
 def _seen_at(courses: Courses, e: int, s: float, eye: int) -> tuple[float, float, float, float]:
     """Column and row of edge e at an abscissa in one eye's picture, and its direction there, not of unit length."""
-    u, v, du, dv = courses.line[e]
-    u, v = u + s * du, v + s * dv
+    left, i = courses.lines[0], courses.own[0, e]
+    (u, v), (du, dv) = point_at(left, i, s), left.direction[i]
     if eye == 1:
         a, b = courses.x[e]
         u, du = u - a - b * s, du - b
@@ -82,11 +81,12 @@ def _marked(shape: tuple[int, int], lines: Lines) -> Int32Array:
 
 
 @njit
-def _runs_into(marked: Int32Array, lines: Lines, courses: Courses, e: int, s: float, eye: int) -> bool:
+def _runs_into(marked: Int32Array, courses: Courses, e: int, s: float, eye: int) -> bool:
     """Whether edge e comes to another segment that goes on with it, at an abscissa inside the picture.
 
     A segment that no other edge has, and whose direction may be the edge's, is a part of it.
     """
+    lines = courses.lines[eye]
     u, v, du, dv = _seen_at(courses, e, s, eye)
     length = np.hypot(du, dv)
     for row in range(int(v + 0.5) - 1, int(v + 0.5) + 2):
@@ -126,14 +126,7 @@ def _usual(pictures: Pictures, courses: Courses, e: int, ends: FloatArray, eye: 
 
 @njit
 def _goes_on(
-    pictures: Pictures,
-    marked: Marks,
-    lines: BothLines,
-    courses: Courses,
-    usual: tuple[float, float],
-    e: int,
-    end: int,
-    s: float,
+    pictures: Pictures, marked: Marks, courses: Courses, usual: tuple[float, float], e: int, end: int, s: float
 ) -> float:
     """What the pictures say for edge e at an abscissa beyond one of its ends; -infinity where it ends in any case.
 
@@ -148,10 +141,10 @@ def _goes_on(
         beyond = s - courses.stop[eye, e, end]
         if (beyond if end == 1 else -beyond) <= 0.0:
             continue
-        shown = _across(pictures[eye], courses, e, s, eye)
-        if courses.shut[eye, e, end] or usual[eye] == 0.0 or np.isnan(shown):
+        if courses.shut[eye, e, end] or usual[eye] == 0.0:
             return -np.inf
-        if _runs_into(marked[eye], lines[eye], courses, e, s, eye):
+        shown = _across(pictures[eye], courses, e, s, eye)
+        if np.isnan(shown) or _runs_into(marked[eye], courses, e, s, eye):
             return -np.inf
         least = min(least, max(shown / usual[eye], -1.0))
     return least - GOES_ON
@@ -167,7 +160,7 @@ def _at_corner(courses: Courses, e: int, end: int, s: float) -> float:
 
 
 @njit(nogil=True)
-def follow(pictures: Pictures, lines: BothLines, courses: Courses, ends: FloatArray) -> FloatArray:
+def follow(pictures: Pictures, courses: Courses, ends: FloatArray) -> FloatArray:
     """Where edges end if they go on as far as the pictures do.
 
     The sum of what both pictures show beyond an end, against an edge that has stopped, is largest where it stops.
@@ -175,8 +168,6 @@ def follow(pictures: Pictures, lines: BothLines, courses: Courses, ends: FloatAr
     Parameters
     ----------
     pictures : (h, w) float32, (h, w) float32
-    lines : Lines, Lines
-        All segments of the left and of the right image.
     courses : Courses
     ends : (n, 2) float64, pixels
         Of what both images' segments show.
@@ -186,7 +177,7 @@ def follow(pictures: Pictures, lines: BothLines, courses: Courses, ends: FloatAr
     (n, 2) float64, pixels
         No end is nearer to the middle than it was.
     """
-    marked = _marked(pictures[0].shape, lines[0]), _marked(pictures[1].shape, lines[1])
+    marked = _marked(pictures[0].shape, courses.lines[0]), _marked(pictures[1].shape, courses.lines[1])
     result = ends.copy()
     for e in range(len(ends)):
         usual = _usual(pictures, courses, e, ends[e], 0), _usual(pictures, courses, e, ends[e], 1)
@@ -195,7 +186,7 @@ def follow(pictures: Pictures, lines: BothLines, courses: Courses, ends: FloatAr
             total, peak, step = 0.0, 0.0, 0
             most = _at_corner(courses, e, end, ends[e, end])
             while total > peak - DECISIVE:
-                total += _goes_on(pictures, marked, lines, courses, usual, e, end, ends[e, end] + way * (step + 0.5))
+                total += _goes_on(pictures, marked, courses, usual, e, end, ends[e, end] + way * (step + 0.5))
                 step, peak = step + 1, max(peak, total)
                 here = ends[e, end] + way * step
                 likely = total + _at_corner(courses, e, end, here)

@@ -28,7 +28,7 @@ from ..estimation.texture import AlignedStrips, texture_factors
 from ..estimation.texture_kernels import ALIGNED, DENSE
 from ..matching.stereo_segments import StereoSegments
 from ..stopwatch import Late, never
-from .extents import extents, followed
+from .extents import followed
 from .further_views import ViewLines, joint_lines, view_extents
 from .junction_edges import corners, junction_edges
 from .lines3d import Lines3D, line_covariance
@@ -152,7 +152,7 @@ def edges(seen: StereoSegments, beside: Beside) -> tuple[Lines3D, tuple[Segments
     """
     found = solved(seen, beside)
     covariance = without_accidents(found)
-    own = followed(extents(seen, found.x), seen, (found.x, covariance), beside.greys)
+    own = followed(seen, (found.x, covariance), beside.greys)
     ends = view_extents(beside.views, seen, found.x, own)
     left = seen.matches.left
     lines = Lines3D(
