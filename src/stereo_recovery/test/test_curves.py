@@ -174,3 +174,24 @@ def test_quarters_of_a_small_ring_are_one_arc(sense):
     )
     assert arc.tolist() == [0, 0, 0, 0]
     assert conic_kernels.radii(conics[0]) == pytest.approx((8.0, 8.0), abs=1e-6)
+
+
+@pytest.mark.parametrize(('turn', 'arcs'), [(2.0, [0]), (0.1, [-1])])
+def test_a_bent_segment_is_an_arc_by_itself(turn, arcs):
+    """Where edgels may be off by more than an arc is high, splitting leaves it whole."""
+    angle = np.linspace(0.0, turn, 20)
+    position = 12.0 / turn * np.column_stack([np.cos(angle), np.sin(angle)]) + 200.0
+    chord = position[-1:] - position[:1]
+    length = np.linalg.norm(chord, axis=1)
+    sagitta = np.full(1, -12.0 / turn * (1.0 - np.cos(0.5 * turn)))
+    arc, _, _ = conic_kernels.arcs(
+        np.zeros(1, np.int64),
+        np.array([False]),
+        chord / length[:, None],
+        length,
+        position,
+        np.full(20, 2.0),
+        np.array([[0, 20]]),
+        sagitta,
+    )
+    assert arc.tolist() == arcs

@@ -8,7 +8,7 @@ import pytest
 from msgs_py import PinholeCamera, StereoRig
 from stereo_recovery.curves import inlier_kernels
 from stereo_recovery.curves.curve import Curve, CurveShape
-from stereo_recovery.curves.fit_kernels import is_line
+from stereo_recovery.curves.fit_kernels import is_line, recovered
 from stereo_recovery.curves.observations import StereoEdgels
 from stereo_recovery.curves.settings import CORNER_EDGELS, INLIER_DISTANCE
 from stereo_recovery.detection.edgels import Edgels
@@ -30,7 +30,8 @@ def on_circle(position: np.ndarray, direction: np.ndarray, conic: np.ndarray = C
     """Edgels on the circle or another conic, as those of a curve are."""
     on = np.zeros(len(position), bool)
     around = inlier_kernels.boxes(position)
-    on[inlier_kernels.on_conic(conic, position, direction, around, INLIER_DISTANCE)] = True
+    most = np.full(len(position), INLIER_DISTANCE)
+    on[inlier_kernels.on_conic(conic, position, direction, around, most)] = True
     return on
 
 
@@ -41,6 +42,49 @@ def test_edgels_belong_by_distance_and_by_gradient():
     assert not on_circle(position, direction + 0.5).any()
     for radius, near in ((20.6, True), (19.4, True), (20.8, False), (19.2, False)):
         assert (on_circle(*around(60, radius)) == near).all()
+
+
+def test_a_vague_edgel_may_be_farther_off_than_a_sure_one():
+    position, direction = around(60, 21.0)
+    boxes = inlier_kernels.boxes(position)
+    most = np.where(np.arange(60) < 20, 1.2, INLIER_DISTANCE)
+    assert inlier_kernels.on_conic(CIRCLE, position, direction, boxes, most).tolist() == list(range(20))
+
+
+def noisy_pair(noise: float, crossing: int, rng: np.random.Generator) -> tuple[StereoEdgels, CurveShape]:
+    """Edgels of a circle of 40 px, 1 m before a rig, and so many more beside it whose gradients lie anyhow."""
+    rig = StereoRig.symmetric(PinholeCamera.centred(640, 480, 1000.0), 0.1)
+    shape = CurveShape(np.array([0.05, 0.0, 1.0]), np.array([0.0, 0.0, -1.0]), np.eye(3)[0], SMALL)
+    angle = np.linspace(0.0, 2.0 * np.pi, 250, endpoint=False)
+    away = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    eyes = []
+    for x in (0.0, 0.1):
+        centre = rig.left.project(shape.centre[None] - [x, 0.0, 0.0])[0]
+        on = centre + (40.0 + rng.normal(0.0, noise, 250))[:, None] * away
+        beside = centre + (40.0 + rng.uniform(-0.6, 0.6, crossing))[:, None] * away[rng.integers(0, 250, crossing)]
+        position, count = np.concatenate([on, beside]), 250 + crossing
+        direction = np.concatenate([angle, rng.uniform(0.0, 2.0 * np.pi, crossing)])
+        sigma = np.full(count, noise)
+        eyes.append(Edgels(position, direction, *(np.ones(count),), sigma, sigma, *(np.ones(count) for _ in range(3))))
+    return StereoEdgels(eyes[0], eyes[1], rig, 0.0), shape
+
+
+@pytest.mark.parametrize('noise', [0.05, 0.3, 0.6])
+def test_in_noise_a_curve_keeps_its_edgels(noise):
+    seen, shape = noisy_pair(noise, 0, np.random.default_rng(5))
+    found, belongs, arc = recovered(shape, seen.seen, np.arange(500))
+    assert found.good
+    # Two sigma; a few more are lost where noise has turned the picture of the curve.
+    assert len(belongs) > 0.9 * 500
+    assert arc[2] == 1.0
+    assert abs(found.shape.radii[0] - 0.04) < 3.0 * np.sqrt(found.covariance[5, 5])
+
+
+@pytest.mark.parametrize(('crossing', 'good'), [(100, True), (600, False)])
+def test_what_texture_lies_along_by_chance_is_no_curve(crossing, good):
+    seen, shape = noisy_pair(0.1, crossing, np.random.default_rng(6))
+    own = np.concatenate([np.arange(250), 250 + crossing + np.arange(250)])
+    assert recovered(shape, seen.seen, own)[0].good == good
 
 
 def test_runs_lose_their_ends_and_short_ones_go():

@@ -202,6 +202,6 @@ def around(shape: CurveShape, seen: Seen) -> IntArray:
     left, right = seen.points[: seen.left_count], seen.points[seen.left_count :]
     turned = seen.direction[: seen.left_count], seen.direction[seen.left_count :]
     most = 2.0 * INLIER_DISTANCE
-    one = on_conic(image_conic(shape, seen, 0), left, turned[0], seen.boxes[0], most)
-    other = on_conic(image_conic(shape, seen, 1), right, turned[1], seen.boxes[1], most)
+    one = on_conic(image_conic(shape, seen, 0), left, turned[0], seen.boxes[0], np.full(len(left), most))
+    other = on_conic(image_conic(shape, seen, 1), right, turned[1], seen.boxes[1], np.full(len(right), most))
     return np.concatenate((one, seen.left_count + other))

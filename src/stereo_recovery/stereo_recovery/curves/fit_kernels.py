@@ -22,12 +22,14 @@ from .curve import CurveShape
 from .inlier_kernels import on_conic, without_ends
 from .observations import Seen
 from .settings import (
+    ALONG_SHARE,
     ARC_SAMPLES,
     DAMPING_FACTOR,
     DAMPING_START,
     DIAGONAL_FACET_SHARE,
     FACET_VARIANCE,
     INLIER_DISTANCE,
+    INLIER_SIGMAS,
     LEAST_CURVE_EDGELS,
     LEAST_GAIN,
     LONGEST_GAP,
@@ -403,6 +405,25 @@ def _common(rows: FloatArray, weights: FloatArray, sigma: FloatArray, group: Int
     return sums.T @ sums
 
 
+@njit
+def _limits(seen: Seen, first: int, last: int) -> FloatArray:
+    """(k,) float64, pixels: how far edgels [first, last) may be from the conic that they belong to."""
+    return np.maximum(INLIER_SIGMAS * seen.sigma[first:last], INLIER_DISTANCE)
+
+
+@njit
+def _goes_along(found: Fit, seen: Seen, belongs: IntArray) -> bool:
+    """Whether in both images most edgels near a curve belong to it: those of a texture lie across it as well."""
+    for side in range(2):
+        first, last = (0, seen.left_count) if side == 0 else (seen.left_count, len(seen.points))
+        conic, limit = image_conic(found.shape, seen, side), _limits(seen, first, last)
+        points, direction = seen.points[first:last], seen.direction[first:last]
+        near = len(on_conic(conic, points, direction, seen.boxes[side], limit, 0.0))
+        if np.count_nonzero((belongs >= first) & (belongs < last)) < ALONG_SHARE * near:
+            return False
+    return True
+
+
 @njit(nogil=True)
 def inliers(found: Fit, seen: Seen, side: int) -> tuple[IntArray, IntArray]:
     """Edgels of one image that belong to a curve, and those of them that measure it.
@@ -417,7 +438,7 @@ def inliers(found: Fit, seen: Seen, side: int) -> tuple[IntArray, IntArray]:
     Returns
     -------
     belongs : (k,) int64
-        Within INLIER_DISTANCE of the image conic, with a gradient across it.
+        Within INLIER_DISTANCE of the image conic, or INLIER_SIGMAS of their own, with a gradient across it.
     measures : (m,) int64
         Within three sigma of it, where sigma adds the edgel's own, the fit's and the curve's; not at the end of a run.
         An occluding contour that starts on a rim is still near it where it is a contour already.
@@ -425,7 +446,8 @@ def inliers(found: Fit, seen: Seen, side: int) -> tuple[IntArray, IntArray]:
     first, last = (0, seen.left_count) if side == 0 else (seen.left_count, len(seen.points))
     conic = image_conic(found.shape, seen, side)
     points = seen.points[first:last]
-    near = on_conic(conic, points, seen.direction[first:last], seen.boxes[side], INLIER_DISTANCE)
+    limit = _limits(seen, first, last)
+    near = on_conic(conic, points, seen.direction[first:last], seen.boxes[side], limit)
     belongs, index = first + near, first + without_ends(near, points)
     if len(index) == 0:
         return belongs, index
@@ -440,7 +462,7 @@ def inliers(found: Fit, seen: Seen, side: int) -> tuple[IntArray, IntArray]:
         for a in range(6):
             for b in range(6):
                 variance += rows[k, a] * found.covariance[a, b] * rows[k, b]
-        if abs(distance[k]) < min(BOUND_SIGMA * np.sqrt(variance), INLIER_DISTANCE):
+        if abs(distance[k]) < min(BOUND_SIGMA * np.sqrt(variance), limit[index[k] - first]):
             measures[count] = index[k]
             count += 1
     return belongs, measures[:count]
@@ -532,6 +554,7 @@ def recovered(start: CurveShape, seen: Seen, chosen: IntArray) -> tuple[Fit, Int
                 found, circle = other, False
     arc = visible_arc(found.shape, seen, chosen)
     line = is_line(found.shape, arc, seen, 0) or is_line(found.shape, arc, seen, 1)
-    if not found.misfit < MOST_MISFIT or found.shape.centre[2] <= 0.0 or line:
+    along = found.good and _goes_along(found, seen, belongs)
+    if not found.misfit < MOST_MISFIT or found.shape.centre[2] <= 0.0 or line or not along:
         found = Fit(False, found.shape, found.covariance, np.inf, np.inf)
     return found, belongs, arc

@@ -29,16 +29,21 @@ def boxes(position: FloatArray) -> FloatArray:
 
 @njit
 def on_conic(
-    conic: FloatArray, position: FloatArray, direction: FloatArray, around: FloatArray, most: float
+    conic: FloatArray,
+    position: FloatArray,
+    direction: FloatArray,
+    around: FloatArray,
+    most: FloatArray,
+    least_cosine: float = ACROSS_COSINE,
 ) -> IntArray:
-    """(k,) int64: edgels nearer than this to a conic, pixels, whose gradients are square to it up to ACROSS_COSINE.
+    """(k,) int64: edgels near a conic, whose gradients are square to it up to an angle of this cosine.
 
     conic : (3, 3), symmetric; position : (n, 2) pixels; direction : (n,) radians, of the gradients; around : of
-    :func:`boxes`
+    :func:`boxes`; most : (n,) pixels, that each may be off
     """
     belongs = np.empty(len(position), np.int64)
     count = 0
-    left, top, right, bottom = _box(conic, most)
+    left, top, right, bottom = _box(conic, most.max() if len(most) else 0.0)
     for b in range(len(around)):
         if around[b, 2] < left or around[b, 0] > right or around[b, 3] < top or around[b, 1] > bottom:
             continue
@@ -51,10 +56,10 @@ def on_conic(
             gy = conic[0, 1] * x + conic[1, 1] * y + conic[2, 1]
             value = gx * x + gy * y + conic[0, 2] * x + conic[1, 2] * y + conic[2, 2]
             square = gx * gx + gy * gy
-            if value * value >= (2.0 * most) ** 2 * max(square, NOT_ZERO**2):
+            if value * value >= (2.0 * most[k]) ** 2 * max(square, NOT_ZERO**2):
                 continue
             cosine = abs(gx * np.cos(direction[k]) + gy * np.sin(direction[k]))
-            if cosine > ACROSS_COSINE * np.sqrt(square):
+            if cosine > least_cosine * np.sqrt(square):
                 belongs[count] = k
                 count += 1
     return belongs[:count].copy()

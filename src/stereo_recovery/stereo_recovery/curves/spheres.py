@@ -139,7 +139,13 @@ def _contour_conic(sphere: FloatArray, view: CameraView) -> FloatArray:
 def _on_contour(sphere: FloatArray, edgels: StereoEdgels) -> EdgelMasks:
     """Edgels of the two images on a sphere's contours."""
     left, right = (
-        on_conic(_contour_conic(sphere, view), side.position, side.direction, around, settings.INLIER_DISTANCE)
+        on_conic(
+            _contour_conic(sphere, view),
+            side.position,
+            side.direction,
+            around,
+            np.full(len(side), settings.INLIER_DISTANCE),
+        )
         for (side, view), around in zip(edgels.sides, edgels.seen.boxes)
     )
     return edgels.masks(np.concatenate([left, len(edgels.left) + right]))

@@ -316,6 +316,14 @@ def arcs(
                 found = _claim(some[0], some[1], position, limit, bounds, sagitta, arc, conics, errors, found)
             k = end
         first = last
+    # Where edgels are off by more than an arc is high, it is one segment, which bends.
+    for i in range(count):
+        a, b = bounds[i]
+        if arc[i] < 0 and b - a >= SHORTEST_ARC and 2.0 * abs(bend[i]) >= LEAST_TURN:
+            is_arc, q, rms = _arc_of(position[a:b], np.median(limit[a:b]))
+            if is_arc:
+                arc[i], conics[found], errors[found] = found, q, rms
+                found += 1
     return arc, conics[:found], errors[:found]
 
 
