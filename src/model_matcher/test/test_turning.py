@@ -187,6 +187,21 @@ def test_what_images_speak_against_stays_where_it_is_whatever_turn_it_leaves(pul
         assert (seen.evidence > 0.0) != stays
 
 
+def test_what_is_turned_keeps_the_poses_that_no_turn_tells_it_from(pulley):
+    """Two rims are the same the other way up, where the hub that tells is out of the pictures."""
+    index, shape, pose, views = pulley
+    index = index_model(index.features, 'pulley', shape)
+    rims = index.features.select(np.flatnonzero(index.features.radii[:, 0] > 0.04)).transformed(pose)
+    problem = make_problem(index, rims, MatchParams())
+    found = match(index, rims).rejected[0]
+    over = pose.compose(Pose(np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, 0.024]))
+    rival = image_evidence.Weighed(found, as_motion(over), presence(shape, over, views))
+    one = replace(image_evidence.weigh(problem, shape, found, views), rivals=(rival,))
+    turned = image_evidence.weigh_turned(problem, shape, one, AXIS, views, Deadline())
+    assert turned is not one
+    assert rival in turned.rivals
+
+
 def test_no_turn_is_the_outline_as_it_is(pulley):
     _, shape, pose, views = pulley
     sight = look(shape, pose, views)

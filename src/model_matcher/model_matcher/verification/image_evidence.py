@@ -144,10 +144,13 @@ def weigh_turned(problem: Problem, shape: Shape, one: Weighed, axis: Axis, views
     Returns
     -------
     Weighed
-        As it was where the images speak against each turn.
+        As it was where the images speak against each turn. Its rivals stay: they are no turns of it.
     """
     turned = likeliest_turns(problem.index, shape, axis, as_pose(one.motion), views, deadline)
-    return _drawn_in(problem, shape, one.hypothesis, turned, views, deadline) if turned else one
+    if not turned:
+        return one
+    best = _drawn_in(problem, shape, one.hypothesis, turned, views, deadline)
+    return replace(best, rivals=(*best.rivals, *one.rivals))
 
 
 def _drawn_in(
