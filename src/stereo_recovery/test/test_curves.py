@@ -153,25 +153,26 @@ def test_points_without_an_ellipse_give_none(points):
     assert rms == np.inf or conic_kernels.radii(numbers) == (0.0, 0.0)
 
 
+def arcs_of(position: np.ndarray, pieces: int, bend: float, limit: float) -> tuple[np.ndarray, np.ndarray]:
+    """Arcs and conics of one chain, of a circle of radius bend, cut into segments of as many edgels each.
+
+    bend : pixels, below 0 where the chain turns against the angles; several pieces make it a closed one
+    """
+    bounds = np.arange(0, len(position) + 1, len(position) // pieces)
+    bounds = np.stack([bounds[:-1], bounds[1:]], axis=1)
+    chord = position[bounds[:, 1] - 1] - position[bounds[:, 0]]
+    length = np.linalg.norm(chord, axis=1)
+    sagitta = np.copysign(abs(bend) - np.sqrt(bend**2 - 0.25 * length**2), -bend)
+    chain, closed, limits = np.zeros(pieces, np.int64), np.array([pieces > 1]), np.full(len(position), limit)
+    return conic_kernels.arcs(chain, closed, chord / length[:, None], length, position, limits, bounds, sagitta)[:2]
+
+
 @pytest.mark.parametrize('sense', [1.0, -1.0])
 def test_quarters_of_a_small_ring_are_one_arc(sense):
     turn = sense * np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
     position = 8.0 * np.column_stack([np.cos(turn), np.sin(turn)]) + 20.0
-    bounds = np.array([[k, k + 12] for k in range(0, 48, 12)])
-    chord = position[bounds[:, 1] - 1] - position[bounds[:, 0]]
-    length = np.linalg.norm(chord, axis=1)
     # The chords of neighbouring quarters turn by a right angle, their tangents hardly.
-    sagitta = np.full(4, -sense * (8.0 - np.sqrt(64.0 - 0.25 * length[0] ** 2)))
-    arc, conics, _ = conic_kernels.arcs(
-        np.zeros(4, np.int64),
-        np.array([True]),
-        chord / length[:, None],
-        length,
-        position,
-        np.full(48, 0.5),
-        bounds,
-        sagitta,
-    )
+    arc, conics = arcs_of(position, 4, sense * 8.0, 0.5)
     assert arc.tolist() == [0, 0, 0, 0]
     assert conic_kernels.radii(conics[0]) == pytest.approx((8.0, 8.0), abs=1e-6)
 
@@ -179,19 +180,6 @@ def test_quarters_of_a_small_ring_are_one_arc(sense):
 @pytest.mark.parametrize(('turn', 'arcs'), [(2.0, [0]), (0.1, [-1])])
 def test_a_bent_segment_is_an_arc_by_itself(turn, arcs):
     """Where edgels may be off by more than an arc is high, splitting leaves it whole."""
-    angle = np.linspace(0.0, turn, 20)
-    position = 12.0 / turn * np.column_stack([np.cos(angle), np.sin(angle)]) + 200.0
-    chord = position[-1:] - position[:1]
-    length = np.linalg.norm(chord, axis=1)
-    sagitta = np.full(1, -12.0 / turn * (1.0 - np.cos(0.5 * turn)))
-    arc, _, _ = conic_kernels.arcs(
-        np.zeros(1, np.int64),
-        np.array([False]),
-        chord / length[:, None],
-        length,
-        position,
-        np.full(20, 2.0),
-        np.array([[0, 20]]),
-        sagitta,
-    )
-    assert arc.tolist() == arcs
+    angle, radius = np.linspace(0.0, turn, 20), 12.0 / turn
+    position = radius * np.column_stack([np.cos(angle), np.sin(angle)]) + 200.0
+    assert arcs_of(position, 1, radius, 2.0)[0].tolist() == arcs

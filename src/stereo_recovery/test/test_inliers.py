@@ -10,7 +10,7 @@ from stereo_recovery.curves import inlier_kernels
 from stereo_recovery.curves.curve import Curve, CurveShape
 from stereo_recovery.curves.fit_kernels import is_line, recovered
 from stereo_recovery.curves.observations import StereoEdgels
-from stereo_recovery.curves.settings import CORNER_EDGELS, INLIER_DISTANCE
+from stereo_recovery.curves.settings import ACROSS_COSINE, CORNER_EDGELS, INLIER_DISTANCE
 from stereo_recovery.detection.edgels import Edgels
 
 CIRCLE = np.diag([1.0, 1.0, -400.0])
@@ -28,10 +28,14 @@ def around(count: int, radius: float = 20.0, share: float = 1.0) -> tuple[np.nda
 
 def on_circle(position: np.ndarray, direction: np.ndarray, conic: np.ndarray = CIRCLE) -> np.ndarray:
     """Edgels on the circle or another conic, as those of a curve are."""
+    return within(np.full(len(position), INLIER_DISTANCE), position, direction, conic)
+
+
+def within(most: np.ndarray, position: np.ndarray, direction: np.ndarray, conic: np.ndarray = CIRCLE) -> np.ndarray:
+    """The same of edgels that may be off by so much each."""
     on = np.zeros(len(position), bool)
     around = inlier_kernels.boxes(position)
-    most = np.full(len(position), INLIER_DISTANCE)
-    on[inlier_kernels.on_conic(conic, position, direction, around, most)] = True
+    on[inlier_kernels.on_conic(conic, position, direction, around, most, ACROSS_COSINE)] = True
     return on
 
 
@@ -45,10 +49,8 @@ def test_edgels_belong_by_distance_and_by_gradient():
 
 
 def test_a_vague_edgel_may_be_farther_off_than_a_sure_one():
-    position, direction = around(60, 21.0)
-    boxes = inlier_kernels.boxes(position)
-    most = np.where(np.arange(60) < 20, 1.2, INLIER_DISTANCE)
-    assert inlier_kernels.on_conic(CIRCLE, position, direction, boxes, most).tolist() == list(range(20))
+    vague = np.arange(60) < 20
+    assert (within(np.where(vague, 1.2, INLIER_DISTANCE), *around(60, 21.0)) == vague).all()
 
 
 def noisy_pair(noise: float, crossing: int, rng: np.random.Generator) -> tuple[StereoEdgels, CurveShape]:
@@ -64,8 +66,8 @@ def noisy_pair(noise: float, crossing: int, rng: np.random.Generator) -> tuple[S
         beside = centre + (40.0 + rng.uniform(-0.6, 0.6, crossing))[:, None] * away[rng.integers(0, 250, crossing)]
         position, count = np.concatenate([on, beside]), 250 + crossing
         direction = np.concatenate([angle, rng.uniform(0.0, 2.0 * np.pi, crossing)])
-        sigma = np.full(count, noise)
-        eyes.append(Edgels(position, direction, *(np.ones(count),), sigma, sigma, *(np.ones(count) for _ in range(3))))
+        sigma, one = np.full(count, noise), np.ones(count)
+        eyes.append(Edgels(position, direction, one, sigma, sigma, one, one, one))
     return StereoEdgels(eyes[0], eyes[1], rig, 0.0), shape
 
 

@@ -19,10 +19,9 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 from ..detection.segments import Segments
 from . import settings
 from .curve import CameraView, Curve, CurveShape
-from .fit_kernels import image_conic
-from .inlier_kernels import on_conic
+from .fit_kernels import near_curve
 from .observations import Seen, StereoEdgels
-from .settings import INLIER_DISTANCE, MOST_STARTS
+from .settings import ACROSS_COSINE, INLIER_DISTANCE, MOST_STARTS
 
 
 class Told(NamedTuple):
@@ -199,9 +198,7 @@ def around(shape: CurveShape, seen: Seen) -> IntArray:
     (k,) int64
         By their numbers in ``seen``.
     """
-    left, right = seen.points[: seen.left_count], seen.points[seen.left_count :]
-    turned = seen.direction[: seen.left_count], seen.direction[seen.left_count :]
-    most = 2.0 * INLIER_DISTANCE
-    one = on_conic(image_conic(shape, seen, 0), left, turned[0], seen.boxes[0], np.full(len(left), most))
-    other = on_conic(image_conic(shape, seen, 1), right, turned[1], seen.boxes[1], np.full(len(right), most))
-    return np.concatenate((one, seen.left_count + other))
+    limit = np.full(len(seen.points), 2.0 * INLIER_DISTANCE)
+    return np.concatenate(
+        (near_curve(shape, seen, 0, limit, ACROSS_COSINE), near_curve(shape, seen, 1, limit, ACROSS_COSINE))
+    )

@@ -22,6 +22,7 @@ from .curve import CurveShape
 from .inlier_kernels import on_conic, without_ends
 from .observations import Seen
 from .settings import (
+    ACROSS_COSINE,
     ALONG_SHARE,
     ARC_SAMPLES,
     DAMPING_FACTOR,
@@ -29,7 +30,6 @@ from .settings import (
     DIAGONAL_FACET_SHARE,
     FACET_VARIANCE,
     INLIER_DISTANCE,
-    INLIER_SIGMAS,
     LEAST_CURVE_EDGELS,
     LEAST_GAIN,
     LONGEST_GAP,
@@ -406,20 +406,25 @@ def _common(rows: FloatArray, weights: FloatArray, sigma: FloatArray, group: Int
 
 
 @njit
-def _limits(seen: Seen, first: int, last: int) -> FloatArray:
-    """(k,) float64, pixels: how far edgels [first, last) may be from the conic that they belong to."""
-    return np.maximum(INLIER_SIGMAS * seen.sigma[first:last], INLIER_DISTANCE)
+def near_curve(shape: CurveShape, seen: Seen, side: int, limit: FloatArray, least_cosine: float) -> IntArray:
+    """Edgels of one image near a curve's conic there, with gradients as of :func:`.inlier_kernels.on_conic`.
+
+    side : 0 left, 1 right; limit : (n,) pixels, that each of all edgels may be off. Returns their numbers in ``seen``.
+    """
+    first, last = (0, seen.left_count) if side == 0 else (seen.left_count, len(seen.points))
+    conic, around = image_conic(shape, seen, side), seen.boxes[side]
+    position, direction = seen.points[first:last], seen.direction[first:last]
+    near: IntArray = first + on_conic(conic, position, direction, around, limit[first:last], least_cosine)
+    return near
 
 
 @njit
-def _goes_along(found: Fit, seen: Seen, belongs: IntArray) -> bool:
+def _goes_along(shape: CurveShape, seen: Seen, belongs: IntArray) -> bool:
     """Whether in both images most edgels near a curve belong to it: those of a texture lie across it as well."""
+    right = np.count_nonzero(belongs >= seen.left_count)
     for side in range(2):
-        first, last = (0, seen.left_count) if side == 0 else (seen.left_count, len(seen.points))
-        conic, limit = image_conic(found.shape, seen, side), _limits(seen, first, last)
-        points, direction = seen.points[first:last], seen.direction[first:last]
-        near = len(on_conic(conic, points, direction, seen.boxes[side], limit, 0.0))
-        if np.count_nonzero((belongs >= first) & (belongs < last)) < ALONG_SHARE * near:
+        own = len(belongs) - right if side == 0 else right
+        if own < ALONG_SHARE * len(near_curve(shape, seen, side, seen.limit, 0.0)):
             return False
     return True
 
@@ -438,17 +443,13 @@ def inliers(found: Fit, seen: Seen, side: int) -> tuple[IntArray, IntArray]:
     Returns
     -------
     belongs : (k,) int64
-        Within INLIER_DISTANCE of the image conic, or INLIER_SIGMAS of their own, with a gradient across it.
+        Within their limits of the image conic, with a gradient across it.
     measures : (m,) int64
         Within three sigma of it, where sigma adds the edgel's own, the fit's and the curve's; not at the end of a run.
         An occluding contour that starts on a rim is still near it where it is a contour already.
     """
-    first, last = (0, seen.left_count) if side == 0 else (seen.left_count, len(seen.points))
-    conic = image_conic(found.shape, seen, side)
-    points = seen.points[first:last]
-    limit = _limits(seen, first, last)
-    near = on_conic(conic, points, seen.direction[first:last], seen.boxes[side], limit)
-    belongs, index = first + near, first + without_ends(near, points)
+    belongs = near_curve(found.shape, seen, side, seen.limit, ACROSS_COSINE)
+    index = without_ends(belongs, seen.points)
     if len(index) == 0:
         return belongs, index
     distance, bias, rows = np.empty(len(index)), np.empty(len(index)), np.empty((len(index), 6))
@@ -462,7 +463,7 @@ def inliers(found: Fit, seen: Seen, side: int) -> tuple[IntArray, IntArray]:
         for a in range(6):
             for b in range(6):
                 variance += rows[k, a] * found.covariance[a, b] * rows[k, b]
-        if abs(distance[k]) < min(BOUND_SIGMA * np.sqrt(variance), limit[index[k] - first]):
+        if abs(distance[k]) < min(BOUND_SIGMA * np.sqrt(variance), seen.limit[index[k]]):
             measures[count] = index[k]
             count += 1
     return belongs, measures[:count]
@@ -554,7 +555,7 @@ def recovered(start: CurveShape, seen: Seen, chosen: IntArray) -> tuple[Fit, Int
                 found, circle = other, False
     arc = visible_arc(found.shape, seen, chosen)
     line = is_line(found.shape, arc, seen, 0) or is_line(found.shape, arc, seen, 1)
-    along = found.good and _goes_along(found, seen, belongs)
-    if not found.misfit < MOST_MISFIT or found.shape.centre[2] <= 0.0 or line or not along:
+    fits = found.misfit < MOST_MISFIT and found.shape.centre[2] > 0.0 and not line
+    if not (fits and _goes_along(found.shape, seen, belongs)):
         found = Fit(False, found.shape, found.covariance, np.inf, np.inf)
     return found, belongs, arc

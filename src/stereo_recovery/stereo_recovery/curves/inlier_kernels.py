@@ -8,7 +8,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.settings import NOT_ZERO
 from msgs_py.numeric.typed import FloatArray, IntArray
 
-from .settings import ACROSS_COSINE, CORNER_EDGELS, LEAST_CURVE_EDGELS, RUN_GAP
+from .settings import CORNER_EDGELS, LEAST_CURVE_EDGELS, RUN_GAP
 
 
 @njit
@@ -34,7 +34,7 @@ def on_conic(
     direction: FloatArray,
     around: FloatArray,
     most: FloatArray,
-    least_cosine: float = ACROSS_COSINE,
+    least_cosine: float,
 ) -> IntArray:
     """(k,) int64: edgels near a conic, whose gradients are square to it up to an angle of this cosine.
 

@@ -14,6 +14,7 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 from ..detection.edgels import Edgels
 from .curve import CameraView, camera_views
 from .inlier_kernels import boxes
+from .settings import INLIER_DISTANCE, INLIER_SIGMAS
 
 # Masks over the edgels of the left and of the right image.
 EdgelMasks = tuple[BoolArray, BoolArray]
@@ -29,6 +30,8 @@ class Seen(NamedTuple):
         Of the gradients.
     sigma, bias : (n,) float64, pixels
         Along the gradient: of noise, and of localisation.
+    limit : (n,) float64, pixels
+        How far each may be from the image of the curve that it belongs to.
     left_count : int
         How many are the left image's.
     cameras : (2, 4) float64, pixels
@@ -45,6 +48,7 @@ class Seen(NamedTuple):
     direction: FloatArray
     sigma: FloatArray
     bias: FloatArray
+    limit: FloatArray
     left_count: int
     cameras: FloatArray
     baseline: float
@@ -89,11 +93,13 @@ class StereoEdgels:
     def seen(self) -> Seen:
         """For the compiled functions."""
         left, right = self.left, self.right
+        sigma = np.concatenate([left.sigma_position, right.sigma_position])
         return Seen(
             np.concatenate([left.position, right.position]),
             np.concatenate([left.direction, right.direction]),
-            np.concatenate([left.sigma_position, right.sigma_position]),
+            sigma,
             np.concatenate([left.bias, right.bias]),
+            np.maximum(INLIER_SIGMAS * sigma, INLIER_DISTANCE),
             len(left),
             np.array([view.intrinsics for view in camera_views(self.rig)]),
             float(self.rig.baseline),

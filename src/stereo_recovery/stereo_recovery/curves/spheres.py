@@ -145,6 +145,7 @@ def _on_contour(sphere: FloatArray, edgels: StereoEdgels) -> EdgelMasks:
             side.direction,
             around,
             np.full(len(side), settings.INLIER_DISTANCE),
+            settings.ACROSS_COSINE,
         )
         for (side, view), around in zip(edgels.sides, edgels.seen.boxes)
     )
