@@ -10,7 +10,7 @@ from stereo_recovery.curves import inlier_kernels
 from stereo_recovery.curves.curve import Curve, CurveShape
 from stereo_recovery.curves.fit_kernels import is_line, recovered
 from stereo_recovery.curves.observations import StereoEdgels
-from stereo_recovery.curves.settings import ACROSS_COSINE, CORNER_EDGELS, INLIER_DISTANCE
+from stereo_recovery.curves.settings import ACROSS_COSINE, CORNER_EDGELS, INLIER_DISTANCE, INLIER_SIGMAS
 from stereo_recovery.detection.edgels import Edgels
 
 CIRCLE = np.diag([1.0, 1.0, -400.0])
@@ -67,7 +67,7 @@ def noisy_pair(noise: float, crossing: int, rng: np.random.Generator) -> tuple[S
         position, count = np.concatenate([on, beside]), 250 + crossing
         direction = np.concatenate([angle, rng.uniform(0.0, 2.0 * np.pi, crossing)])
         sigma, one = np.full(count, noise), np.ones(count)
-        eyes.append(Edgels(position, direction, one, sigma, sigma, one, one, one))
+        eyes.append(Edgels(position, direction, one, sigma, sigma, one, 0.0 * one, one))
     return StereoEdgels(eyes[0], eyes[1], rig, 0.0), shape
 
 
@@ -82,11 +82,23 @@ def test_in_noise_a_curve_keeps_its_edgels(noise):
     assert abs(found.shape.radii[0] - 0.04) < 3.0 * np.sqrt(found.covariance[5, 5])
 
 
-@pytest.mark.parametrize(('crossing', 'good'), [(100, True), (600, False)])
-def test_what_texture_lies_along_by_chance_is_no_curve(crossing, good):
+@pytest.mark.parametrize('crossing', [0, 600])
+def test_a_curve_is_found_in_texture(crossing):
     seen, shape = noisy_pair(0.1, crossing, np.random.default_rng(6))
     own = np.concatenate([np.arange(250), 250 + crossing + np.arange(250)])
-    assert recovered(shape, seen.seen, own)[0].good == good
+    assert recovered(shape, seen.seen, own)[0].good
+
+
+@pytest.mark.parametrize('noise', [0.1, 0.3, 0.6])
+def test_what_lies_evenly_along_a_curve_by_chance_is_texture(noise):
+    seen, shape = noisy_pair(noise, 0, np.random.default_rng(6))
+    rng = np.random.default_rng(7)
+    for edgels in (seen.left, seen.right):
+        away = np.stack([np.cos(edgels.direction), np.sin(edgels.direction)], axis=1)
+        limit = max(INLIER_DISTANCE, INLIER_SIGMAS * noise)
+        off = np.linalg.norm(edgels.position - edgels.position.mean(axis=0), axis=1)
+        edgels.position[:] += (40.0 + rng.uniform(-limit, limit, 250) - off)[:, None] * away
+    assert not recovered(shape, StereoEdgels(seen.left, seen.right, seen.rig, 0.0).seen, np.arange(500))[0].good
 
 
 def test_runs_lose_their_ends_and_short_ones_go():

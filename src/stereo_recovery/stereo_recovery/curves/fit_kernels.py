@@ -23,7 +23,6 @@ from .inlier_kernels import on_conic, without_ends
 from .observations import Seen
 from .settings import (
     ACROSS_COSINE,
-    ALONG_SHARE,
     ARC_SAMPLES,
     DAMPING_FACTOR,
     DAMPING_START,
@@ -419,14 +418,20 @@ def near_curve(shape: CurveShape, seen: Seen, side: int, limit: FloatArray, leas
 
 
 @njit
-def _goes_along(shape: CurveShape, seen: Seen, belongs: IntArray) -> bool:
-    """Whether in both images most edgels near a curve belong to it: those of a texture lie across it as well."""
-    right = np.count_nonzero(belongs >= seen.left_count)
-    for side in range(2):
-        own = len(belongs) - right if side == 0 else right
-        if own < ALONG_SHARE * len(near_curve(shape, seen, side, seen.limit, 0.0)):
-            return False
-    return True
+def _scatters_about(found: Fit, seen: Seen, belongs: IntArray) -> bool:
+    """Whether half of the edgels near a curve scatter about it as they state, and not all evenly, as texture does.
+
+    What texture has there is within the limits; a curve's own might be beyond them, which speaks for texture where what
+    edgels state is hardly less than their limits.
+    """
+    distance, bias = np.empty(len(belongs)), np.empty(len(belongs))
+    residuals(found.shape, seen, belongs, distance, bias, np.empty((0, 0)))
+    sigma = max(1.0, found.misfit) * _sigma(seen, belongs)
+    log_ratio = 0.0
+    for k in range(len(belongs)):
+        likely = np.exp(-0.5 * (distance[k] / sigma[k]) ** 2) / (np.sqrt(2.0 * np.pi) * sigma[k])
+        log_ratio += np.log(0.5 + seen.limit[belongs[k]] * likely)
+    return log_ratio > 0.0
 
 
 @njit(nogil=True)
@@ -556,6 +561,6 @@ def recovered(start: CurveShape, seen: Seen, chosen: IntArray) -> tuple[Fit, Int
     arc = visible_arc(found.shape, seen, chosen)
     line = is_line(found.shape, arc, seen, 0) or is_line(found.shape, arc, seen, 1)
     fits = found.misfit < MOST_MISFIT and found.shape.centre[2] > 0.0 and not line
-    if not (fits and _goes_along(found.shape, seen, belongs)):
+    if not (fits and _scatters_about(found, seen, belongs)):
         found = Fit(False, found.shape, found.covariance, np.inf, np.inf)
     return found, belongs, arc

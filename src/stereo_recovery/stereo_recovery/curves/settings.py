@@ -35,9 +35,6 @@ ACROSS_COSINE = 0.94
 # The distance in sigmas of an edgel, where that is more: in noise. [P] With three, texture beside a curve counts as its
 # own.
 INLIER_SIGMAS = 2.0
-# Share of the edgels near a curve that belong to it, at least. [D] As likely of a curve, along which nine in ten go, as
-# of texture, of which ACROSS_COSINE lets two in nine pass.
-ALONG_SHARE = 0.6
 # A run of edgels ends where the next is farther away than this, pixels. A corner has displaced the last few of a run.
 RUN_GAP = 3.0
 CORNER_EDGELS = 2
