@@ -309,7 +309,7 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     late = watch.late_after(EDGES_SHARE, 'curves: faces that they lie in')
     curves = shapes.reported
     if shapes.vague and not late():
-        curves = shapes.in_faces((in_space.ends[kept], in_space.covariance[kept]), stereo_edgels)
+        curves = shapes.in_faces((in_space.ends[kept], in_space.covariance[kept]))
         kept &= ~on_curves(lines, line_segments, curves)
     curves = oriented_by_faces(curves, in_space.ends[kept], in_space.err_per[kept])
     in_space = with_rig_error(in_space, COLUMNS_OVER_ROWS * rows.sigma, rig)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -86,6 +87,43 @@ def test_outlines_and_rims_are_no_edges(synthetic, cylinder_pair):
         lines = (truth[:, 1] - truth[:, 0]) / np.linalg.norm(truth[:, 1] - truth[:, 0], axis=1)[:, None]
         off = np.linalg.norm(np.cross(start - truth[:, 0], lines), axis=1)
         assert ((np.abs(lines @ direction) > 0.98) & (off < 0.003)).any()
+
+
+RIM, HOLE, SPREAD = 0.03, 0.003, 0.02
+
+
+def plate(rig: StereoRig, normal: np.ndarray, centres: np.ndarray) -> list[np.ndarray]:
+    """A pair of a disc in space with dark half discs about centres (n, 2), metres in its plane."""
+    camera, samples, images = rig.left, (np.arange(4) + 0.5) / 4 - 0.5, []
+    u, v = ((np.arange(n)[:, None] + samples).ravel() for n in (camera.width, camera.height))
+    x, y = np.meshgrid((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy)
+    rays = np.stack([x, y, np.ones_like(x)], axis=2)
+    across = np.cross(normal, [0.0, 1.0, 0.0]) / np.hypot(normal[0], normal[2])
+    for seed, eye in enumerate((0.0, rig.baseline)):
+        middle = np.array([-eye, 0.0, 0.2])
+        at = rays * ((middle @ normal) / (rays @ normal))[..., None] - middle
+        a, b = at @ across, at @ np.cross(normal, across)
+        grey = np.where(np.hypot(a, b) < RIM, 150.0, 60.0)
+        for centre in centres:
+            grey[(np.hypot(a - centre[0], b - centre[1]) < HOLE) & (b < centre[1])] = 40.0
+        grey = grey.reshape(camera.height, 4, camera.width, 4).mean(axis=(1, 3))
+        noise = np.random.default_rng(seed).normal(0.0, 2.0, grey.shape)
+        images.append(np.clip(np.rint(cv2.GaussianBlur(grey, (0, 0), 0.5) + noise), 0, 255).astype(np.uint8))
+    return images
+
+
+@pytest.mark.parametrize('tilt', [0.3, 0.5])
+def test_holes_of_which_half_is_seen_have_the_normal_of_the_rim(tilt):
+    """By themselves they might be contours of spheres: of 7 pixels, half in sight, the edgels leave the normal open."""
+    rig = StereoRig.symmetric(PinholeCamera.centred(320, 240, 500.0), 0.03)
+    normal = np.array([0.0, np.sin(tilt), -np.cos(tilt)])
+    angle = np.arange(6) * np.pi / 3.0 + 0.2
+    left, right = plate(rig, normal, SPREAD * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    rim, *holes = sorted(recover(left, right, rig).curves, key=lambda curve: -curve.radii[0])
+    assert abs(rim.radii[0] - RIM) < 1e-4
+    assert len(holes) >= 5
+    assert np.median([hole.radii[0] for hole in holes]) == pytest.approx(HOLE, rel=0.02)
+    assert min(abs(hole.normal @ normal) for hole in holes) > np.cos(np.radians(0.5))
 
 
 @pytest.fixture(scope='module')

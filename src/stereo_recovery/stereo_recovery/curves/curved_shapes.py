@@ -21,7 +21,6 @@ from .fit import bounds_surface, relative_sigma
 from .observations import StereoEdgels
 from .occluding_contours import CurvedSurface
 from .recovery import VagueCurve, determined, recover_curves
-from .spheres import without_spheres
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,19 +47,18 @@ class CurvedShapes:
     surfaces: list[CurvedSurface]
     vague: list[VagueCurve]
 
-    def in_faces(self, edges: tuple[FloatArray, FloatArray], edgels: StereoEdgels) -> list[Curve]:
+    def in_faces(self, edges: tuple[FloatArray, FloatArray]) -> list[Curve]:
         """The curves of the object, with those that straight edges determine in whose plane they lie.
 
         Parameters
         ----------
         edges : ((n, 2, 3), (n, 6, 6)) float64
             Ends, metres, and their covariance.
-        edgels : StereoEdgels
         """
         placed = [each.put(in_face(each.curve, *edges)) for each in self.vague]
         more, rest = determined(sorted(placed, key=lambda each: relative_sigma(each.curve)), self.curves)
         more += determined([each.held_by(more) for each in rest], [*self.curves, *more])[0]
-        return distinct([*self.reported, *without_spheres(more, edgels)])
+        return distinct([*self.reported, *more])
 
 
 def recover_curved_shapes(
@@ -89,11 +87,10 @@ def recover_curved_shapes(
     -------
     CurvedShapes
     """
-    found, vague = recover_curves(matches, segments, ellipses, edgels, late)
-    curves = distinct(found)
-    rims = without_spheres(curves, edgels)
+    found = recover_curves(matches, segments, ellipses, edgels, late)
+    rims = distinct(found.rims)
     axes, surfaces = find_axes([rim for rim in rims if bounds_surface(rim)], segments, edgels.rig)
-    return CurvedShapes(curves, rims, axes, surfaces, vague)
+    return CurvedShapes([*rims, *found.contours], rims, axes, surfaces, found.vague)
 
 
 def distinct(curves: list[Curve]) -> list[Curve]:

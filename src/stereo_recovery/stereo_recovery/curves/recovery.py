@@ -24,6 +24,7 @@ from .curve import Curve
 from .fit import bounds_surface, has_size, is_determined, of_fit
 from .initialisation import ArcPair, arc_pairs
 from .observations import StereoEdgels
+from .spheres import without_spheres
 
 NO_SAMPLES = np.zeros((0, 3))
 
@@ -53,18 +54,38 @@ class VagueCurve(NamedTuple):
         return self._replace(curve=held(self.curve, known))
 
 
+class Found(NamedTuple):
+    """What :func:`recover_curves` finds; left optical frame, metres.
+
+    Attributes
+    ----------
+    rims : list of Curve
+        Curves of the object.
+    contours : list of Curve
+        Of spheres, which explain edgels and are no curves of the object.
+    vague : list of VagueCurve
+        What nothing determines.
+    """
+
+    rims: list[Curve]
+    contours: list[Curve]
+    vague: list[VagueCurve]
+
+
 def recover_curves(
     matches: Matches,
     segments: tuple[Segments, Segments],
     ellipses: tuple[list[Ellipse], list[Ellipse]],
     edgels: StereoEdgels,
     late: Late = never,
-) -> tuple[list[Curve], list[VagueCurve]]:
+) -> Found:
     """All planar curves of a pair; none shares half of its edgels with another one that was found before.
 
     First come those that their own edgels determine, by falling number of edgels, first of arcs in both images, then of
     arcs that only one image shows, then of what lies on the axes of these. In the end curves take the axis, the plane
-    or the normal of better known ones, and those count that are determined then.
+    or the normal of better known ones, and those count that are determined then. Contours of spheres are told from
+    those that their own edgels determine, and have no axis and no plane to give: a curve that has them from another is
+    none.
 
     Parameters
     ----------
@@ -81,10 +102,7 @@ def recover_curves(
 
     Returns
     -------
-    found : list of Curve
-        Left optical frame, metres.
-    vague : list of VagueCurve
-        What nothing determines that was looked at.
+    Found
     """
     found: list[Curve] = []
     vague: list[VagueCurve] = []
@@ -102,13 +120,14 @@ def recover_curves(
                 vague.append(VagueCurve(curve, pair))
         found += new
         pairs = [pair for pair in pairs if not _is_explained(pair, new)]
-    found += _on_known_axes(found, segments, edgels, late)
-    known = list(found)
+    rims = without_spheres(found, edgels)
+    contours = [curve for curve in found if not any(curve is rim for rim in rims)]
+    rims += _on_known_axes(rims, found, segments, edgels, late)
     if vague and late():
         vague = []
-    placed = [each.put(in_plane(each.curve, known)) for each in vague]
-    more, vague = determined([each.held_by(known) for each in placed], found)
-    return [held(curve, known) for curve in found] + more, vague
+    placed = [each.put(in_plane(each.curve, rims)) for each in vague]
+    more, vague = determined([each.held_by(rims) for each in placed], [*rims, *contours])
+    return Found([held(curve, rims) for curve in rims] + more, contours, vague)
 
 
 def determined(vague: Sequence[VagueCurve], found: Sequence[Curve]) -> tuple[list[Curve], list[VagueCurve]]:
@@ -128,13 +147,15 @@ def determined(vague: Sequence[VagueCurve], found: Sequence[Curve]) -> tuple[lis
 
 
 def _on_known_axes(
-    found: Sequence[Curve], segments: tuple[Segments, Segments], edgels: StereoEdgels, late: Late
+    rims: Sequence[Curve], found: Sequence[Curve], segments: tuple[Segments, Segments], edgels: StereoEdgels, late: Late
 ) -> list[Curve]:
-    """Further curves on the axes of some, that their own edgels determine."""
+    """Further curves on the axes of some, that their own edgels determine, beside all that were found."""
     more: list[Curve] = []
     axes: list[Curve] = []
+    if not rims:
+        return more
     left, right = (np.logical_or.reduce([getattr(c, side) for c in found]) for side in ('left', 'right'))
-    for known in sorted(filter(bounds_surface, found), key=lambda curve: curve.tilt):
+    for known in sorted(filter(bounds_surface, rims), key=lambda curve: curve.tilt):
         if late() or not known.is_circle or any(is_coaxial(axis, known) for axis in axes):
             continue
         axes.append(known)
