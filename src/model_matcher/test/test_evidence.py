@@ -300,6 +300,21 @@ def flange() -> ModelIndex:
     return index_model(model_features(parse_scene(text).solids[0]))
 
 
+def against_flange(flange: ModelIndex, hub_is_seen: bool, radius: float, middle: tuple[float, ...]) -> float:
+    """Nats against a flange of which the disc's upper rim is found, and the hub's, for a curve; millimetres."""
+    features = flange.features
+    heights, radii = features.start[:, 2], np.nan_to_num(features.radii[:, 0])
+    seen = ((radii > 0.02) & (heights > 0.03) & hub_is_seen) | ((radii > 0.04) & (heights > 0.01))
+    other = features.select(np.flatnonzero(radii > 0.0)[:1])
+    centre = 1e-3 * np.array([middle])
+    moved = replace(other, start=centre, end=centre + [[0.0, 0.0, 1.0]], radii=np.full((1, 2), 1e-3 * radius))
+    problem = make_problem(flange, FeatureSet.concatenate([features.select(seen), moved]), MatchParams())
+    used = np.isin(flange.source, np.flatnonzero(seen))
+    assignment = np.append(np.flatnonzero(used), -1).astype(np.int32)
+    faces = np.asarray(regularity(flange).faces)
+    return displaced(IDENTITY, problem.model, problem.features, assignment, used, faces)
+
+
 @pytest.mark.parametrize(
     ('radius', 'middle', 'is_another'),
     [
@@ -312,17 +327,14 @@ def flange() -> ModelIndex:
 )
 def test_a_curve_elsewhere_is_another_object_or_a_shadow(flange, radius, middle, is_another):
     """The bore of the model at (38, 0) is not found, nor are the lower rims; the upper ones of hub and disc are."""
-    features = flange.features
-    heights, radii = features.start[:, 2], np.nan_to_num(features.radii[:, 0])
-    seen = ((radii > 0.02) & (heights > 0.03)) | ((radii > 0.04) & (heights > 0.01))
-    other = features.select(np.flatnonzero(radii > 0.0)[:1])
-    centre = 1e-3 * np.array([middle])
-    moved = replace(other, start=centre, end=centre + [[0.0, 0.0, 1.0]], radii=np.full((1, 2), 1e-3 * radius))
-    problem = make_problem(flange, FeatureSet.concatenate([features.select(seen), moved]), MatchParams())
-    used = np.isin(flange.source, np.flatnonzero(seen))
-    assignment = np.append(np.flatnonzero(used), -1).astype(np.int32)
-    against = displaced(
-        IDENTITY, problem.model, problem.features, assignment, used, np.asarray(regularity(flange).faces)
-    )
+    against = against_flange(flange, True, radius, middle)
+    assert (against > 3.0) == is_another
+    assert is_another or against == 0.0
+
+
+@pytest.mark.parametrize(('away', 'is_another'), [(20.0, True), (45.0, False)])
+def test_a_curve_that_a_face_does_not_hold_is_no_part_of_it(flange, away, is_another):
+    """The rim of what stands beside the disc on the same table; its middle is under the disc, the most of it is not."""
+    against = against_flange(flange, False, 26.0, (away, 0.0, 0.0))
     assert (against > 3.0) == is_another
     assert is_another or against == 0.0

@@ -523,17 +523,26 @@ def neighbours(around: Surroundings) -> float:
 
 @njit
 def _on_face(
-    point: tuple[float, float, float], normal: tuple[float, float, float], faces: FloatArray, off: float
+    middle: tuple[float, ...],
+    normal: tuple[float, ...],
+    radius: float,
+    faces: FloatArray,
+    tolerances: tuple[float, float],
 ) -> bool:
-    """Whether a curve with this centre and normal lies on a face (h, 4) of a hull; off : metres that it may be off."""
-    on = False
+    """Whether the whole of a curve lies on a face (h, 4) of a hull.
+
+    middle, normal, radius : of the curve, model frame; tolerances : of its radius, and across
+    """
+    on, (room, across) = False, tolerances
     for h in range(len(faces)):
         f = faces[h]
-        above = f[0] * point[0] + f[1] * point[1] + f[2] * point[2] + f[3]
-        if above > off:
+        above = f[0] * middle[0] + f[1] * middle[1] + f[2] * middle[2] + f[3]
+        cosine = abs(f[0] * normal[0] + f[1] * normal[1] + f[2] * normal[2])
+        upright = cosine > PARALLEL_COSINE
+        # Its farthest point goes beyond the face in which it lies by its own error only.
+        if above > across or (not upright and above + radius * np.sqrt(1.0 - cosine * cosine) > room):
             return False
-        upright = abs(f[0] * normal[0] + f[1] * normal[1] + f[2] * normal[2]) > PARALLEL_COSINE
-        on = on or (upright and above >= -off)
+        on = on or (upright and above >= -across)
     return on
 
 
@@ -582,7 +591,7 @@ def displaced(
         u, v, w = inverse_rotate(motion, d[3], d[4], d[5])
         if _of_found((x, y, z), (u, v, w), d[7], model, used, (room, across)):
             continue
-        on_face = _on_face((x, y, z), (u, v, w), faces, across)
+        on_face = _on_face((x, y, z), (u, v, w), d[7], faces, (room, across))
         for j in range(len(used)):
             m = model.rows[j]
             if used[j] or model.kind[j] != CURVE or abs(d[7] - m[7]) > room:
