@@ -29,6 +29,8 @@ from msgs_py.node_runtime.transport import make_room_for_images
 make_room_for_images()  # as every node does
 
 TIMEOUT_S = 20.0
+# Of a service: it may render pictures, on a machine that does other things beside.
+ANSWER_S = 60.0
 DOMAINS = 100  # 1 to 100 keeps clear of ephemeral ports
 _claims = itertools.count()
 
@@ -112,7 +114,7 @@ class Graph:
         client = self.tester.create_client(service_type, name)
         self.spin_until(client.service_is_ready, what=f'service {name}')
         future = client.call_async(request)
-        self.spin_until(future.done, what=f'answer of {name}')
+        self.spin_until(future.done, ANSWER_S, f'answer of {name}')
         self.tester.destroy_client(client)
         return future.result()
 
