@@ -21,7 +21,7 @@ from . import settings
 from .curve import CameraView, Curve, CurveShape
 from .fit_kernels import near_curve
 from .observations import Seen, StereoEdgels
-from .settings import ACROSS_COSINE, INLIER_DISTANCE, MOST_STARTS
+from .settings import INLIER_DISTANCE, MOST_STARTS
 
 
 class Told(NamedTuple):
@@ -199,6 +199,4 @@ def around(shape: CurveShape, seen: Seen) -> IntArray:
         By their numbers in ``seen``.
     """
     limit = np.full(len(seen.points), 2.0 * INLIER_DISTANCE)
-    return np.concatenate(
-        (near_curve(shape, seen, 0, limit, ACROSS_COSINE), near_curve(shape, seen, 1, limit, ACROSS_COSINE))
-    )
+    return np.concatenate((near_curve(shape, seen, 0, limit), near_curve(shape, seen, 1, limit)))

@@ -405,15 +405,15 @@ def _common(rows: FloatArray, weights: FloatArray, sigma: FloatArray, group: Int
 
 
 @njit
-def near_curve(shape: CurveShape, seen: Seen, side: int, limit: FloatArray, least_cosine: float) -> IntArray:
-    """Edgels of one image near a curve's conic there, with gradients as of :func:`.inlier_kernels.on_conic`.
+def near_curve(shape: CurveShape, seen: Seen, side: int, limit: FloatArray) -> IntArray:
+    """Edgels of one image near a curve's conic there, with gradients across it.
 
     side : 0 left, 1 right; limit : (n,) pixels, that each of all edgels may be off. Returns their numbers in ``seen``.
     """
     first, last = (0, seen.left_count) if side == 0 else (seen.left_count, len(seen.points))
     conic, around = image_conic(shape, seen, side), seen.boxes[side]
     position, direction = seen.points[first:last], seen.direction[first:last]
-    near: IntArray = first + on_conic(conic, position, direction, around, limit[first:last], least_cosine)
+    near: IntArray = first + on_conic(conic, position, direction, around, limit[first:last], ACROSS_COSINE)
     return near
 
 
@@ -453,7 +453,7 @@ def inliers(found: Fit, seen: Seen, side: int) -> tuple[IntArray, IntArray]:
         Within three sigma of it, where sigma adds the edgel's own, the fit's and the curve's; not at the end of a run.
         An occluding contour that starts on a rim is still near it where it is a contour already.
     """
-    belongs = near_curve(found.shape, seen, side, seen.limit, ACROSS_COSINE)
+    belongs = near_curve(found.shape, seen, side, seen.limit)
     index = without_ends(belongs, seen.points)
     if len(index) == 0:
         return belongs, index

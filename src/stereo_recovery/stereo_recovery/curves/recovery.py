@@ -121,7 +121,7 @@ def recover_curves(
         found += new
         pairs = [pair for pair in pairs if not _is_explained(pair, new)]
     rims = without_spheres(found, edgels)
-    contours = [curve for curve in found if not any(curve is rim for rim in rims)]
+    contours = [curve for curve in found if curve not in rims]
     rims += _on_known_axes(rims, found, segments, edgels, late)
     if vague and late():
         vague = []
@@ -152,8 +152,6 @@ def _on_known_axes(
     """Further curves on the axes of some, that their own edgels determine, beside all that were found."""
     more: list[Curve] = []
     axes: list[Curve] = []
-    if not rims:
-        return more
     left, right = (np.logical_or.reduce([getattr(c, side) for c in found]) for side in ('left', 'right'))
     for known in sorted(filter(bounds_surface, rims), key=lambda curve: curve.tilt):
         if late() or not known.is_circle or any(is_coaxial(axis, known) for axis in axes):
