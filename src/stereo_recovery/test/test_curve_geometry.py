@@ -162,9 +162,9 @@ def test_a_plane_that_an_arc_speaks_against_is_not_taken_for_what_else_lies_on_i
     )
     seen = StereoEdgels(left, right, RIG, 0.0).seen
     index = np.concatenate([np.arange(60), len(left) + np.arange(60)])
-    found, _, _ = free_curve(ellipse[None], np.zeros(1, int), samples, index, seen)
-    assert found.good
-    assert angle_between(found.shape.normal, true.normal) < 2.0
+    found = free_curve(ellipse[None], np.zeros(1, int), samples, index, seen)
+    assert found.fit.good
+    assert angle_between(found.fit.shape.normal, true.normal) < 2.0
 
 
 def test_a_circle_is_not_taken_for_an_ellipse():

@@ -74,7 +74,7 @@ def noisy_pair(noise: float, crossing: int, rng: np.random.Generator) -> tuple[S
 @pytest.mark.parametrize('noise', [0.05, 0.3, 0.6])
 def test_in_noise_a_curve_keeps_its_edgels(noise):
     seen, shape = noisy_pair(noise, 0, np.random.default_rng(5))
-    found, belongs, arc = recovered(shape, seen.seen, np.arange(500))
+    found, belongs, arc, _ = recovered(shape, seen.seen, np.arange(500))
     assert found.good
     # Two sigma; a few more are lost where noise has turned the picture of the curve.
     assert len(belongs) > 0.9 * 500
@@ -86,7 +86,7 @@ def test_in_noise_a_curve_keeps_its_edgels(noise):
 def test_a_curve_is_found_in_texture(crossing):
     seen, shape = noisy_pair(0.1, crossing, np.random.default_rng(6))
     own = np.concatenate([np.arange(250), 250 + crossing + np.arange(250)])
-    assert recovered(shape, seen.seen, own)[0].good
+    assert recovered(shape, seen.seen, own).fit.good
 
 
 @pytest.mark.parametrize('noise', [0.1, 0.3, 0.6])
@@ -98,7 +98,7 @@ def test_what_lies_evenly_along_a_curve_by_chance_is_texture(noise):
         limit = max(INLIER_DISTANCE, INLIER_SIGMAS * noise)
         off = np.linalg.norm(edgels.position - edgels.position.mean(axis=0), axis=1)
         edgels.position[:] += (40.0 + rng.uniform(-limit, limit, 250) - off)[:, None] * away
-    assert not recovered(shape, StereoEdgels(seen.left, seen.right, seen.rig, 0.0).seen, np.arange(500))[0].good
+    assert not recovered(shape, StereoEdgels(seen.left, seen.right, seen.rig, 0.0).seen, np.arange(500)).fit.good
 
 
 def test_runs_lose_their_ends_and_short_ones_go():

@@ -90,6 +90,8 @@ class Curve:
         Share of the curve that is seen.
     misfit : float
         Ratio of the residuals to what the edgels' stated sigma predicts.
+    evidence : float
+        Nats by which the edgels near it speak for the curve rather than for texture.
     """
 
     centre: FloatArray
@@ -103,6 +105,7 @@ class Curve:
     arc: tuple[float, float] = (0.0, 2.0 * np.pi)
     coverage: float = 1.0
     misfit: float = 1.0
+    evidence: float = 0.0
 
     def transformed(self, pose: Pose) -> Curve:
         """The curve in another frame, which differs by a rigid motion, target_T_source."""

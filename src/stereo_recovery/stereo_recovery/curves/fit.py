@@ -11,7 +11,7 @@ from msgs_py.numeric.typed import FloatArray, IntArray
 
 from . import fit_kernels, settings
 from .curve import Curve, CurveShape
-from .fit_kernels import Fit
+from .fit_kernels import Fit, Recovered
 from .observations import StereoEdgels
 from .orientation import outward
 
@@ -41,14 +41,14 @@ def refine(curve: Curve, edgels: StereoEdgels, circle: bool = True, index: IntAr
     return _with_fit(curve, found) if found.good else None
 
 
-def of_fit(recovered: tuple[Fit, IntArray, tuple[float, float, float]], edgels: StereoEdgels) -> Curve | None:
+def of_fit(recovered: Recovered, edgels: StereoEdgels) -> Curve | None:
     """The curve of what :func:`.fit_kernels.recovered` returns; None where it is not good."""
-    found, belongs, arc = recovered
+    found, belongs, arc, evidence = recovered
     if not found.good:
         return None
     shape, covariance, rms, misfit = found[1:]
     left, right = edgels.masks(belongs)
-    return outward(Curve(*shape, covariance, float(rms), left, right, arc[:2], arc[2], float(misfit)))
+    return outward(Curve(*shape, covariance, float(rms), left, right, arc[:2], arc[2], float(misfit), float(evidence)))
 
 
 def distances(curve: Curve, edgels: StereoEdgels, index: IntArray) -> FloatArray:

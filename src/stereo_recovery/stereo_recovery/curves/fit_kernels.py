@@ -63,6 +63,32 @@ class Fit(NamedTuple):
     misfit: float
 
 
+class Recovered(NamedTuple):
+    """A curve with all that belongs to it.
+
+    Attributes
+    ----------
+    fit : Fit
+    belongs : (k,) int64
+        The edgels of the curve.
+    arc : (float, float, float)
+        Start and extent of what is seen of it, radians, and its share.
+    evidence : float
+        Nats by which the edgels near it speak for the curve rather than for texture.
+    """
+
+    fit: Fit
+    belongs: IntArray
+    arc: tuple[float, float, float]
+    evidence: float
+
+
+@njit
+def nothing(shape: CurveShape, index: IntArray) -> Recovered:
+    """What there is of a curve that edgels (k,) int64 do not show."""
+    return Recovered(Fit(False, shape, np.zeros((6, 6)), np.inf, np.inf), index, (0.0, 0.0, 0.0), 0.0)
+
+
 @njit
 def second_of(shape: CurveShape) -> FloatArray:
     """(3,) float64: the direction of the minor radius, normal x first."""
@@ -418,8 +444,8 @@ def near_curve(shape: CurveShape, seen: Seen, side: int, limit: FloatArray) -> I
 
 
 @njit
-def _scatters_about(found: Fit, seen: Seen, belongs: IntArray) -> bool:
-    """Whether half of the edgels near a curve scatter about it as they state, and not all evenly, as texture does.
+def _scattered_about(found: Fit, seen: Seen, belongs: IntArray) -> float:
+    """Nats for half of the edgels near a curve scattering about it as they state, and not all evenly, as texture does.
 
     What texture has there is within the limits; a curve's own might be beyond them, which speaks for texture where what
     edgels state is hardly less than their limits.
@@ -431,7 +457,7 @@ def _scatters_about(found: Fit, seen: Seen, belongs: IntArray) -> bool:
     for k in range(len(belongs)):
         likely = np.exp(-0.5 * (distance[k] / sigma[k]) ** 2) / (np.sqrt(2.0 * np.pi) * sigma[k])
         log_ratio += np.log(0.5 + seen.limit[belongs[k]] * likely)
-    return log_ratio > 0.0
+    return float(log_ratio)
 
 
 @njit(nogil=True)
@@ -515,7 +541,7 @@ def is_line(shape: CurveShape, arc: tuple[float, float, float], seen: Seen, side
 
 
 @njit(nogil=True)
-def recovered(start: CurveShape, seen: Seen, chosen: IntArray) -> tuple[Fit, IntArray, tuple[float, float, float]]:
+def recovered(start: CurveShape, seen: Seen, chosen: IntArray) -> Recovered:
     """Fit a curve to chosen edgels, then to all its inliers: an ellipse, where a circle does not fit as stated.
 
     Parameters
@@ -529,13 +555,10 @@ def recovered(start: CurveShape, seen: Seen, chosen: IntArray) -> tuple[Fit, Int
 
     Returns
     -------
-    found : Fit
-    belongs : (k,) int64
-        The edgels of the curve.
-    arc : (float, float, float)
-        Start and extent of what is seen of it, radians, and its share.
+    Recovered
     """
     circle = True
+    none: Recovered = nothing(start, chosen)
     found = fit(start, True, seen, chosen)
     if not found.misfit < MOST_MISFIT:
         other = fit(start, False, seen, chosen)
@@ -547,7 +570,7 @@ def recovered(start: CurveShape, seen: Seen, chosen: IntArray) -> tuple[Fit, Int
             break
         left, right = inliers(found, seen, 0), inliers(found, seen, 1)
         if min(len(left[1]), len(right[1])) < LEAST_CURVE_EDGELS:
-            return Fit(False, found.shape, found.covariance, np.inf, np.inf), chosen, (0.0, 0.0, 0.0)
+            return none
         belongs, measuring = np.concatenate((left[0], right[0])), np.concatenate((left[1], right[1]))
         settled = len(measuring) == len(chosen) and (measuring == chosen).all()
         chosen = measuring
@@ -561,6 +584,5 @@ def recovered(start: CurveShape, seen: Seen, chosen: IntArray) -> tuple[Fit, Int
     arc = visible_arc(found.shape, seen, chosen)
     line = is_line(found.shape, arc, seen, 0) or is_line(found.shape, arc, seen, 1)
     fits = found.misfit < MOST_MISFIT and found.shape.centre[2] > 0.0 and not line
-    if not (fits and _scatters_about(found, seen, belongs)):
-        found = Fit(False, found.shape, found.covariance, np.inf, np.inf)
-    return found, belongs, arc
+    evidence = _scattered_about(found, seen, belongs) if fits else 0.0
+    return Recovered(found, belongs, arc, evidence) if evidence > 0.0 else none

@@ -81,11 +81,10 @@ def recover_curves(
 ) -> Found:
     """All planar curves of a pair; none shares half of its edgels with another one that was found before.
 
-    First come those that their own edgels determine, by falling number of edgels, first of arcs in both images, then of
-    arcs that only one image shows, then of what lies on the axes of these. In the end curves take the axis, the plane
-    or the normal of better known ones, and those count that are determined then. Contours of spheres are told from
-    those that their own edgels determine, and have no axis and no plane to give: a curve that has them from another is
-    none.
+    First come those that their own edgels determine, by falling evidence, then what lies on the axes of these. In the
+    end curves take the axis, the plane or the normal of better known ones, and those count that are determined then.
+    Contours of spheres are told from those that their own edgels determine, and have no axis and no plane to give: a
+    curve that has them from another is none.
 
     Parameters
     ----------
@@ -107,19 +106,15 @@ def recover_curves(
     found: list[Curve] = []
     vague: list[VagueCurve] = []
     pairs = arc_pairs(matches, segments, ellipses)
-    while pairs and not late():
-        # Two at once; what the first explains, the second one need not.
-        two, pairs = pairs[:2], pairs[2:]
-        new: list[Curve] = []
-        for pair, curve in zip(two, spread(lambda pair: _free_curve(pair, edgels), two)):
-            if curve is None or not _is_clear(curve, pair) or _is_explained(pair, new):
-                continue
-            if is_determined(curve):
-                new.append(curve)
-            else:
-                vague.append(VagueCurve(curve, pair))
-        found += new
-        pairs = [pair for pair in pairs if not _is_explained(pair, new)]
+    fits = spread(lambda pair: None if late() else _free_curve(pair, edgels), pairs)
+    clear = [(curve, pair) for curve, pair in zip(fits, pairs) if curve is not None and _is_clear(curve, pair)]
+    for curve, pair in sorted(clear, key=lambda one: -one[0].evidence):
+        if _is_explained(pair, found):
+            continue
+        if is_determined(curve):
+            found.append(curve)
+        else:
+            vague.append(VagueCurve(curve, pair))
     rims = without_spheres(found, edgels)
     contours = [curve for curve in found if curve not in rims]
     rims += _on_known_axes(rims, found, segments, edgels, late)

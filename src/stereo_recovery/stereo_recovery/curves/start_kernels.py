@@ -15,7 +15,7 @@ from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..detection.settings import CORRELATION_LENGTH
 from .curve import CurveShape
-from .fit_kernels import Fit, fit, recovered, solve
+from .fit_kernels import Recovered, fit, nothing, recovered, solve
 from .observations import Seen
 from .settings import DISPARITY_SCALE, ROUNDS, SAME_PLANE_COSINE, SLOPE_RIDGE
 
@@ -179,12 +179,10 @@ def circles_of_ellipse(conic: FloatArray, samples: FloatArray, seen: Seen, side:
 
 
 @njit(nogil=True)
-def free_curve(
-    conics: FloatArray, sides: IntArray, samples: FloatArray, index: IntArray, seen: Seen
-) -> tuple[Fit, IntArray, tuple[float, float, float]]:
+def free_curve(conics: FloatArray, sides: IntArray, samples: FloatArray, index: IntArray, seen: Seen) -> Recovered:
     """The curve that arcs show, from the best of the starts and from the best in another plane.
 
-    Two planes may fit one arc alike; the curve that has more edgels of all decides between them. What fits it worse by
+    Two planes may fit one arc alike; what all edgels say for either curve decides between them. What fits it worse by
     odds that settle the matter is not looked at: among all edgels of a picture, chance has some for any curve.
 
     Parameters
@@ -201,7 +199,7 @@ def free_curve(
 
     Returns
     -------
-    As of :func:`.fit_kernels.recovered`.
+    Recovered
     """
     starts = circles_of_ellipse(conics[0], samples, seen, sides[0])
     for k in range(1, len(conics)):
@@ -215,7 +213,7 @@ def free_curve(
         found = fit(starts[k], True, seen, index, True)
         if found.good:
             starts[k], rms[k] = found.shape, found.rms
-    best = Fit(False, _nowhere(), np.zeros((6, 6)), np.inf, np.inf), index, (0.0, 0.0, 0.0)
+    best: Recovered = nothing(_nowhere(), index)
     tried = 0
     for k in np.argsort(rms, kind='mergesort'):
         if rms[k] == np.inf or tried == 2:
@@ -228,8 +226,6 @@ def free_curve(
             break  # so many edgels err on their own
         tried += 1
         other = recovered(starts[k], seen, index)
-        if not other[0].good:
-            continue
-        if not best[0].good or len(other[1]) > len(best[1]):
+        if other.evidence > best.evidence:
             best = other
     return best
