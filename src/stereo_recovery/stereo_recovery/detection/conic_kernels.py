@@ -9,12 +9,9 @@ from msgs_py.numeric.settings import NOT_ZERO
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 
 from .settings import (
-    ARC_INLIERS,
-    FEW_ARC_SEGMENTS,
+    CORRELATION_LENGTH,
     FEW_POINTS,
-    FINAL_RMS,
     FINAL_ROUNDS,
-    FIRST_RMS,
     FIRST_ROUNDS,
     LARGEST_RADIUS_RATIO,
     LEAST_DISCRIMINANT,
@@ -166,26 +163,40 @@ def radii(q: FloatArray) -> tuple[float, float]:
 
 
 @njit
-def _arc_of(points: FloatArray, tolerance: float) -> tuple[bool, FloatArray, float]:
-    """Whether one ellipse explains points (n, 2) to a tolerance, pixels; its conic and rms, see :func:`fit`."""
+def _arc_of(
+    some: IntArray, position: FloatArray, limit: FloatArray, bounds: IntArray, direction: FloatArray
+) -> tuple[bool, FloatArray, float]:
+    """Whether one ellipse explains the edgels of some segments (k,): within their limits, and better than their lines.
+
+    An ellipse lies along the sides of a corner, too, but not as close. position, limit, bounds, direction : as of
+    :func:`arcs`. Returns its conic and rms as well, see :func:`fit`.
+    """
+    n, off_lines = 0, 0.0
+    for i in some:
+        n += bounds[i, 1] - bounds[i, 0]
+    points, slack = np.empty((n, 2)), np.empty(n)
+    n = 0
+    for i in some:
+        first, last = bounds[i]
+        end = n + last - first
+        points[n:end], slack[n:end] = position[first:last], limit[first:last]
+        across = points[n:end, 0] * direction[i, 1] - points[n:end, 1] * direction[i, 0]
+        off_lines += ((across - across.mean()) ** 2).sum()
+        n = end
+    if n < SHORTEST_ARC:
+        return False, np.zeros(6), np.inf
+    # Akaike's criterion: what each parameter more has to gain, of edgels whose errors are one over some length.
+    allowed = (2.0 * len(some) - 5.0) * CORRELATION_LENGTH / n
+    most = min(np.median(slack), np.sqrt(off_lines / n) * np.exp(allowed))
     # What is none is mostly found out by a few of the points.
-    q, rms = fit(points[:: max(1, len(points) // FEW_POINTS)], FIRST_ROUNDS)
-    if not rms < tolerance:
-        return False, q, rms
-    q, rms = fit(points, FIRST_ROUNDS)
-    if not rms < FIRST_RMS * tolerance:
+    q, rms = fit(points[:: max(1, n // FEW_POINTS)], FIRST_ROUNDS)
+    if not rms < most:
         return False, q, rms
     q, rms = fit(points, FINAL_ROUNDS)
     major, minor = radii(q)
-    if not (rms < FINAL_RMS * tolerance and minor > LEAST_RADIUS):
-        return False, q, rms
     u, v = points[:, 0], points[:, 1]
-    if major > LARGEST_RADIUS_RATIO * max(u.max() - u.min(), v.max() - v.min()):
-        return False, q, rms
-    gu, gv = 2.0 * q[0] * u + q[1] * v + q[3], q[1] * u + 2.0 * q[2] * v + q[4]
-    value = q[0] * u * u + q[1] * u * v + q[2] * v * v + q[3] * u + q[4] * v + q[5]
-    off = np.sort(np.abs(value) / np.sqrt(gu * gu + gv * gv + NOT_ZERO**2))
-    return not off[int(ARC_INLIERS * (len(points) - 1))] > tolerance, q, rms
+    small = major <= LARGEST_RADIUS_RATIO * max(u.max() - u.min(), v.max() - v.min())
+    return rms < most and minor > LEAST_RADIUS and small, q, rms
 
 
 @njit
@@ -195,7 +206,7 @@ def _claim(
     position: FloatArray,
     limit: FloatArray,
     bounds: IntArray,
-    sagitta: FloatArray,
+    direction: FloatArray,
     arc: Int32Array,
     conics: FloatArray,
     errors: FloatArray,
@@ -207,43 +218,25 @@ def _claim(
     segments, conics, errors : (m, 6), (m,), are filled from ``found`` on; the others as of :func:`arcs`
     """
     k = len(segments)
-    total = 0
-    for i in range(k):
-        total += bounds[segments[i], 1] - bounds[segments[i], 0]
-    points, slack = np.empty((total, 2)), np.empty(total)
     first = 0
     while first + 1 < k:
         taken = False
         for last in range(k - 1, first, -1):
             free = last - first <= MOST_ARC_BREAKS
             turn = 0.0
-            bends = 0
             for i in range(first, last + 1):
                 free = free and arc[segments[i]] < 0 and (i == first or segments[i] != segments[first])
                 turn += turns[i] if i < last else 0.0
-                bends += 1 if sagitta[segments[i]] > 0.0 else -1
             if not free or abs(turn) < LEAST_TURN:
                 continue
-            # A few straight segments make corners unless all bend the same way.
-            if last - first + 1 < FEW_ARC_SEGMENTS and abs(bends) < last - first + 1:
-                continue
-            n = 0
-            for i in range(first, last + 1):
-                for j in range(bounds[segments[i], 0], bounds[segments[i], 1]):
-                    points[n, 0], points[n, 1], slack[n] = position[j, 0], position[j, 1], limit[j]
-                    n += 1
-            if n < SHORTEST_ARC:
+            some = segments[first : last + 1]
+            is_arc, q, rms = _arc_of(some, position, limit, bounds, direction)
+            if is_arc:
+                arc[some], conics[found], errors[found] = found, q, rms
+                found += 1
+                first = last
+                taken = True
                 break
-            is_arc, q, rms = _arc_of(points[:n], np.median(slack[:n]))
-            if not is_arc:
-                continue
-            for i in range(first, last + 1):
-                arc[segments[i]] = found
-            conics[found], errors[found] = q, rms
-            found += 1
-            first = last
-            taken = True
-            break
         if not taken:
             first += 1
     return found
@@ -298,6 +291,13 @@ def arcs(
         while last < count and chain[last] == chain[first]:
             last += 1
         own = last - first
+        if closed[chain[first]]:
+            # All round it no break is too sharp for an arc.
+            is_arc, q, rms = _arc_of(np.arange(first, last), position, limit, bounds, direction)
+            if is_arc:
+                arc[first:last], conics[found], errors[found] = found, q, rms
+                found, first = found + 1, last
+                continue
         # Of a closed chain twice round.
         size = 2 * own if own >= 3 and closed[chain[first]] else own
         members, turns, breaks = first + np.arange(size) % own, np.empty(size - 1), np.empty(size - 1)
@@ -313,14 +313,13 @@ def arcs(
                 while end < size - 1 and abs(breaks[end]) < SHARPEST_BREAK and np.sign(turns[end]) == np.sign(turns[k]):
                     end += 1
                 some = members[k : end + 1], turns[k:end]
-                found = _claim(some[0], some[1], position, limit, bounds, sagitta, arc, conics, errors, found)
+                found = _claim(some[0], some[1], position, limit, bounds, direction, arc, conics, errors, found)
             k = end
         first = last
     # Where edgels are off by more than an arc is high, it is one segment, which bends.
     for i in range(count):
-        a, b = bounds[i]
-        if arc[i] < 0 and b - a >= SHORTEST_ARC and 2.0 * abs(bend[i]) >= LEAST_TURN:
-            is_arc, q, rms = _arc_of(position[a:b], np.median(limit[a:b]))
+        if arc[i] < 0 and 2.0 * abs(bend[i]) >= LEAST_TURN:
+            is_arc, q, rms = _arc_of(np.array([i]), position, limit, bounds, direction)
             if is_arc:
                 arc[i], conics[found], errors[found] = found, q, rms
                 found += 1

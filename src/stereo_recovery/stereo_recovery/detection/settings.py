@@ -227,12 +227,8 @@ SPURIOUS_WIDTH, SPURIOUS_OVERHANG, LEAST_LENGTH = 2.5, 16.0, 3.0
 LEAST_TURN, SHARPEST_BREAK = np.radians(20.0), np.radians(65.0)
 # px: smallest semi-axis; edgels: shortest arc; breaks between the segments of the longest arc. [R]
 LEAST_RADIUS, SHORTEST_ARC, MOST_ARC_BREAKS = 1.5, 14, 40
-# Arcs of fewer segments than this are arcs only when all of them bend the same way. [R]
-FEW_ARC_SEGMENTS = 4
-# Largest rms distance of an arc's edgels from its ellipse, in tolerances of an edgel: of a first fit of FIRST_ROUNDS
-# rounds, and of the final one of FINAL_ROUNDS; this share of the edgels lies within one tolerance. [R] Of about
-# FEW_POINTS of them it is at most one tolerance, which spares most fits.
-FEW_POINTS, FIRST_RMS, FIRST_ROUNDS, FINAL_RMS, FINAL_ROUNDS, ARC_INLIERS = 30, 0.6, 2, 0.45, 4, 0.95
+# Rounds of fits of an ellipse: to about FEW_POINTS of an arc's edgels, which spares most others, and to all. [R]
+FEW_POINTS, FIRST_ROUNDS, FINAL_ROUNDS = 30, 2, 4
 # An ellipse's major radius is at most this many times the extent of its edgels. [R]
 LARGEST_RADIUS_RATIO = 4.0
 # Numerical floors of the fit: pivot; discriminant 4 a c - b^2 of an ellipse; weight, as a share of the mean. [R]
