@@ -42,6 +42,7 @@ from .edges.straight_edges import Beside, edges
 from .edges.tangency import joined_ends
 from .edges.texture_matching import seen_by_texture
 from .estimation.texture import AlignedStrips, Texture, texture_rows
+from .matching.arc_rows import arc_rows
 from .matching.dense import DenseDisparity
 from .matching.further_views import FurtherView, further_view
 from .matching.labelling import match
@@ -285,7 +286,8 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     texture = None if pair.dense is None else Texture.of(pair.greys, pair.dense)
     strips = None if texture is None else AlignedStrips(segments[0], texture)
     beside_edges = None if strips is None else texture_rows(seen, strips)
-    witnesses = row_witnesses(seen, beside_edges)
+    of_arcs = arc_rows(matches, segments, (pair.views[0].ellipses, pair.views[1].ellipses), pair.edgels)
+    witnesses = row_witnesses(seen, beside_edges, of_arcs)
     rows = fitted_error(witnesses, (rig.right.width, rig.right.height), params.rectification_sigma)
     seen = rows.aligned(seen)
     segments = seen.segments

@@ -10,6 +10,7 @@ from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..detection.conics import Ellipse
 from ..detection.segments import Segments
+from ..matching.arc_rows import paired_arcs
 from ..matching.matches import Matches
 from . import settings
 from .curve import Curve
@@ -74,19 +75,12 @@ def arc_pairs(
     middle = 0.5 * (left.start + left.end)
     points = np.stack([left.start, middle, left.end], axis=1)[index[0]]
     samples = np.concatenate([points, matches.disparity[..., None]], axis=2)
-    weight: dict[tuple[int, int], float] = {}
-    for m in np.flatnonzero((arcs[0] >= 0) & (arcs[1] >= 0)):
-        key = (int(arcs[0][m]), int(arcs[1][m]))
-        weight[key] = weight.get(key, 0.0) + float(left.length[index[0][m]])
-    pairs, used = [], (set[int](), set[int]())
-    for a, b in sorted(weight, key=lambda key: -weight[key]):
-        if a not in used[0] and b not in used[1]:
-            used[0].add(a)
-            used[1].add(b)
-            of = (arcs[0] == a) & (arcs[1] == b)
-            edgels = _edgels_of(left, members[0][a]), _edgels_of(right, members[1][b])
-            both = [(ellipses[0][a], False), (ellipses[1][b], True)]
-            pairs.append(ArcPair(edgels, both, samples[of].reshape(-1, 3), True))
+    pairs = []
+    for a, b in paired_arcs(matches, segments):
+        of = (arcs[0] == a) & (arcs[1] == b)
+        edgels = left.edgels(members[0][a]), right.edgels(members[1][b])
+        both = [(ellipses[0][a], False), (ellipses[1][b], True)]
+        pairs.append(ArcPair(edgels, both, samples[of].reshape(-1, 3), True))
     pairs.sort(key=lambda pair: -len(pair.edgels[0]))
     for side, is_right in ((0, False), (1, True)):
         for arc, own in enumerate(members[side]):
@@ -94,16 +88,8 @@ def arc_pairs(
             length = segments[side].length
             if length[np.unique(index[side][of])].sum() <= settings.MATCHED_SHARE * length[own].sum():
                 continue
-            far = _edgels_of(segments[not is_right], np.unique(index[not is_right][of]))
-            near = _edgels_of(segments[side], own)
+            far = segments[not is_right].edgels(np.unique(index[not is_right][of]))
+            near = segments[side].edgels(own)
             edgels = (far, near) if is_right else (near, far)
             pairs.append(ArcPair(edgels, [(ellipses[side][arc], is_right)], samples[of].reshape(-1, 3), False))
     return pairs
-
-
-def _edgels_of(segments: Segments, members: IntArray) -> IntArray:
-    """(k,) int64: the edgels of some segments of an image, ascending."""
-    first, last = segments.bounds[members].T
-    size = last.max(initial=0) + 1
-    begun = np.cumsum(np.bincount(first, minlength=size) - np.bincount(last, minlength=size))
-    return np.flatnonzero(begun)

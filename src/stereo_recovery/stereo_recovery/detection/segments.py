@@ -127,6 +127,13 @@ class Segments:
         share = (np.arange(count) + 0.5) / count
         return np.asarray(self.start[:, None] + share[:, None] * (self.end - self.start)[:, None])
 
+    def edgels(self, members: IntArray) -> IntArray:
+        """(m,) int64: the numbers of the edgels of some of the segments (k,), ascending."""
+        first, last = self.bounds[members].T
+        size = last.max(initial=0) + 1
+        begun = np.cumsum(np.bincount(first, minlength=size) - np.bincount(last, minlength=size))
+        return np.flatnonzero(begun)
+
     @property
     def lines(self) -> line_kernels.Lines:
         """The lines as compiled loops take them."""

@@ -7,6 +7,7 @@ what they say is fitted by a function linear in column and row, and what is left
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -38,7 +39,7 @@ class RowError:
     centre, half : (2,) float64, pixels
         Of the right image.
     sigma : float, pixels
-        Of what single rows differ from that.
+        Of what single rows differ from that, and of what is not known of it.
     count : int
         Corners and edges that it was fitted to.
     axis : int
@@ -160,12 +161,10 @@ def row_error(seen: StereoSegments, size: tuple[int, int], least: float, more: R
     return fitted_error(row_witnesses(seen, more), size, least)
 
 
-def row_witnesses(seen: StereoSegments, more: RowWitnesses | None = None) -> RowWitnesses:
+def row_witnesses(seen: StereoSegments, *more: RowWitnesses | None) -> RowWitnesses:
     """Corners and edges along the rows that a pair shows, and more that is given."""
-    witnesses = _witnesses(seen)
-    if more is None:
-        return witnesses
-    return RowWitnesses(*(np.concatenate(both) for both in zip(witnesses, more)))
+    every = [_witnesses(seen), *(one for one in more if one is not None)]
+    return RowWitnesses(*(np.concatenate(some) for some in zip(*every)))
 
 
 def fitted_error(witnesses: RowWitnesses, size: tuple[int, int], least: float, axis: int = 1) -> RowError:
@@ -191,8 +190,11 @@ def fitted_error(witnesses: RowWitnesses, size: tuple[int, int], least: float, a
     # What an exact rig, single rows and a few wrong corners explain as well is no error.
     by_chance = single_sigma(off, sigma, least)
     if _log_odds(columns, off, sigma, prior, (value, single, by_chance)) < DECISIVE:
-        value, single = np.zeros(3), by_chance
-    return RowError(float(value[0]), value[1:], centre, half, single, len(off), axis)
+        return RowError(0.0, np.zeros(2), centre, half, by_chance, len(off), axis)
+    # What few witnesses leave open counts where they are, as if each row had its own.
+    left_open = np.linalg.inv(prior + information(columns, off - columns @ value, sigma, single))
+    common = float(np.einsum('ki,ij,kj->', columns, left_open, columns)) / len(off)
+    return RowError(float(value[0]), value[1:], centre, half, math.sqrt(single**2 + common), len(off), axis)
 
 
 def near_rows(witnesses: RowWitnesses) -> RowWitnesses:
