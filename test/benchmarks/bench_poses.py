@@ -223,7 +223,7 @@ LEGEND = """\
 asked: searches, a part each; there, found, share: instances that have to be found, and are
 ref, ref any: of the others, those whose right pose is the best rejected hypothesis, or any rejected one
 right, twice, wrong: answers by instance, about one that has a better answer, about none of a part that is there; ambig:
-those that name another pose, which is right
+those that name another pose, or leave a turn open, which is right
 absent, false: searches for parts that are not there, and their answers; like: wrong or false, on a part nearly the same
 deg, mm, depth %: of right answers, medians and p90, at the part's middle, symmetric poses equal
 stated: squared errors in units of the stated covariance, over chi squared's median: 1 where covariances are true

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
@@ -31,8 +31,8 @@ class Answer:
     """A reported pose.
 
     verdict : 'right', 'twice' (an instance that a better answer has), 'ambiguous' (another pose that the answer names
-    is right), 'wrong' (the part is there, not so), 'false' (it is not there); like : it lies on an instance of a part
-    that is nearly the same.
+    is right, or one that the turn which it leaves open leads to), 'wrong' (the part is there, not so), 'false' (it is
+    not there); like : it lies on an instance of a part that is nearly the same.
 
     stated, bounded : the squared error in units of the stated covariance and of the least one, over the median of chi
         squared: 1 in the median where that is true; witness_px, witness_true_px : see :func:`witness_rms`
@@ -98,9 +98,24 @@ def _judged(posed: PosedPair, part: Part, found: Interpretation, numbers: list[i
         one.part.name == ALIKE.get(part.name) and float(np.linalg.norm(one.place - place)) <= WRONG_M
         for one in posed.instances
     )
-    if any(_first_right(posed.instances[k], list(found.ambiguous_poses)) is not None for k in numbers):
+    named = list(found.ambiguous_poses)
+    if any(
+        _first_right(posed.instances[k], named) is not None or _right_but_for_turn(posed.instances[k], found)
+        for k in numbers
+    ):
         return Answer(pose, 'ambiguous')
     return Answer(pose, 'wrong' if numbers else 'false', like=like)
+
+
+def _right_but_for_turn(instance: Instance, found: Interpretation) -> bool:
+    """Whether an answer says that a turn is left open, and is right at one."""
+    turn, covariance, pose = found.free_turn, found.covariance, found.pose
+    if turn is None or covariance is None:
+        return False
+    # The axis passes where the turn, whose variance is by far the largest, moves nothing.
+    moved = covariance[:3, 3:] @ turn / (turn @ covariance[3:, 3:] @ turn)
+    axis = np.stack([np.cross(turn, moved), turn]) @ pose.rotation
+    return difference(replace(instance, axis=axis), pose).within(WRONG_DEG, WRONG_M)
 
 
 def _weigh(answer: Answer, posed: PosedPair, found: Interpretation) -> None:
