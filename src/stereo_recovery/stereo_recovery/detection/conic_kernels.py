@@ -221,9 +221,8 @@ def _claim(
     first = 0
     while first + 1 < k:
         taken = False
-        for last in range(k - 1, first, -1):
-            free = last - first <= MOST_ARC_BREAKS
-            turn = 0.0
+        for last in range(min(k - 1, first + MOST_ARC_BREAKS), first, -1):
+            free, turn = True, 0.0
             for i in range(first, last + 1):
                 free = free and arc[segments[i]] < 0 and (i == first or segments[i] != segments[first])
                 turn += turns[i] if i < last else 0.0

@@ -78,7 +78,7 @@ def arc_rows(
             places.append(ends)
             seen.append((away < CORRELATION_LENGTH).any(axis=1))
             # Of a place between edgels, all of which share the parameters.
-            variance += of[arc].rms ** 2 * PARAMETERS * CORRELATION_LENGTH / len(shown)
+            variance += of[arc].rms ** 2 * PARAMETERS * CORRELATION_LENGTH / max(len(shown), 1)
         for k in np.flatnonzero(seen[0] & seen[1]):
             point.append(places[1][k])
             off.append(places[1][k, 1] - places[0][k, 1])
