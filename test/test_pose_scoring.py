@@ -102,6 +102,22 @@ def test_an_answer_that_names_the_right_pose_beside_its_own_is_ambiguous():
         assert search.missed == [0]  # what is found is the pose that is reported
 
 
+@pytest.mark.parametrize(('moved', 'verdict'), [(0.0, 'ambiguous'), (0.05, 'wrong')])
+def test_an_answer_that_leaves_a_turn_open_is_judged_but_for_that(moved, verdict):
+    box = tea_box()
+    posed = PosedPair(None, (Instance(box, POSE, 0.6, None),), (box,))  # type: ignore[arg-type]
+    axis, point = np.array([0.0, 0.6, 0.8]), np.array([0.02, 0.07, -0.03])
+    pose = turned(POSE, (0.0, 0.6, 0.8), 1.0, point)
+    direction, arm = pose.rotate(axis), pose.translation - pose.apply(point)
+    turn = np.concatenate([np.cross(direction, arm), direction])
+    covariance = np.pi**2 / 3.0 * np.outer(turn, turn) + 1e-8 * np.eye(6)
+    pose = Pose(pose.rotation, pose.translation + moved * direction)
+    open_turn = Interpretation('tea_box', [], [], pose, covariance=covariance, free_turn=direction)
+    for one, expected in ((open_turn, verdict), (replace(open_turn, free_turn=None), 'wrong')):
+        search = score_search(posed, box, MatchResult((one,)), 1.0, 1.0)
+        assert [answer.verdict for answer in search.answers] == [expected]
+
+
 @pytest.mark.parametrize('shift', [-1.6, -0.3, 0.0, 0.45, 1.2])
 def test_the_witness_measures_by_how_much_an_edge_is_off(shift):
     columns = np.arange(80.0)

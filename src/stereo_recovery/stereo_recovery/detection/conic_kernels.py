@@ -10,6 +10,7 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 
 from .settings import (
     CORRELATION_LENGTH,
+    ELLIPSE_PARAMETERS,
     FEW_POINTS,
     FINAL_ROUNDS,
     FIRST_ROUNDS,
@@ -174,6 +175,8 @@ def _arc_of(
     n, off_lines = 0, 0.0
     for i in some:
         n += bounds[i, 1] - bounds[i, 0]
+    if n < SHORTEST_ARC:
+        return False, np.zeros(6), np.inf
     points, slack = np.empty((n, 2)), np.empty(n)
     n = 0
     for i in some:
@@ -183,10 +186,8 @@ def _arc_of(
         across = points[n:end, 0] * direction[i, 1] - points[n:end, 1] * direction[i, 0]
         off_lines += ((across - across.mean()) ** 2).sum()
         n = end
-    if n < SHORTEST_ARC:
-        return False, np.zeros(6), np.inf
-    # Akaike's criterion: what each parameter more has to gain, of edgels whose errors are one over some length.
-    allowed = (2.0 * len(some) - 5.0) * CORRELATION_LENGTH / n
+    # Akaike's criterion: what each parameter, two of a line, has to gain of edgels whose errors are one over a length.
+    allowed = (2 * len(some) - ELLIPSE_PARAMETERS) * CORRELATION_LENGTH / n
     most = min(np.median(slack), np.sqrt(off_lines / n) * np.exp(allowed))
     # What is none is mostly found out by a few of the points.
     q, rms = fit(points[:: max(1, n // FEW_POINTS)], FIRST_ROUNDS)

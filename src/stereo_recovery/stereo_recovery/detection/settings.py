@@ -229,6 +229,8 @@ LEAST_TURN, SHARPEST_BREAK = np.radians(20.0), np.radians(65.0)
 LEAST_RADIUS, SHORTEST_ARC, MOST_ARC_BREAKS = 1.5, 14, 40
 # Rounds of fits of an ellipse: to about FEW_POINTS of an arc's edgels, which spares most others, and to all. [R]
 FEW_POINTS, FIRST_ROUNDS, FINAL_ROUNDS = 30, 2, 4
+# Of an ellipse in the image. [D]
+ELLIPSE_PARAMETERS = 5
 # An ellipse's major radius is at most this many times the extent of its edgels. [R]
 LARGEST_RADIUS_RATIO = 4.0
 # Numerical floors of the fit: pivot; discriminant 4 a c - b^2 of an ellipse; weight, as a share of the mean. [R]

@@ -14,12 +14,9 @@ from msgs_py.numeric.typed import FloatArray
 from ..detection.conics import Ellipse
 from ..detection.edgels import Edgels
 from ..detection.segments import Segments
-from ..detection.settings import CORRELATION_LENGTH
+from ..detection.settings import CORRELATION_LENGTH, ELLIPSE_PARAMETERS
 from .matches import Matches
 from .row_error import RowWitnesses
-
-# Parameters of an ellipse.
-PARAMETERS = 5
 
 
 def paired_arcs(matches: Matches, segments: tuple[Segments, Segments]) -> list[tuple[int, int]]:
@@ -78,7 +75,7 @@ def arc_rows(
             places.append(ends)
             seen.append((away < CORRELATION_LENGTH).any(axis=1))
             # Of a place between edgels, all of which share the parameters.
-            variance += of[arc].rms ** 2 * PARAMETERS * CORRELATION_LENGTH / max(len(shown), 1)
+            variance += of[arc].rms ** 2 * ELLIPSE_PARAMETERS * CORRELATION_LENGTH / max(len(shown), 1)
         for k in np.flatnonzero(seen[0] & seen[1]):
             point.append(places[1][k])
             off.append(places[1][k, 1] - places[0][k, 1])

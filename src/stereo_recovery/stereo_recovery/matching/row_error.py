@@ -182,17 +182,19 @@ def fitted_error(witnesses: RowWitnesses, size: tuple[int, int], least: float, a
     """
     half = 0.5 * np.array(size, float)
     centre = half - 0.5
-    point, off, sigma = witnesses
     point, off, sigma = near_rows(witnesses)
     columns = np.column_stack([np.ones(len(point)), (point - centre) / half])
     prior = np.diag(np.array([ROW_OFFSET_SIGMA, ROW_TURN_SIGMA, ROW_TURN_SIGMA]) ** -2.0)
     value, single = robust_fit(columns, off, sigma, prior, least)
-    # What an exact rig, single rows and a few wrong corners explain as well is no error.
-    by_chance = single_sigma(off, sigma, least)
-    if _log_odds(columns, off, sigma, prior, (value, single, by_chance)) < DECISIVE:
+    left_over, by_chance = off - columns @ value, single_sigma(off, sigma, least)
+    told = information(columns, left_over, sigma, single)
+    # What an exact rig, single rows and a few wrong corners explain as well is no error, by Laplace's approximation.
+    gain = _log_likelihood(left_over, sigma, single) - _log_likelihood(off, sigma, by_chance)
+    spent = value @ prior @ value + np.linalg.slogdet(np.eye(3) + np.linalg.solve(prior, told))[1]
+    if gain - 0.5 * spent < DECISIVE:
         return RowError(0.0, np.zeros(2), centre, half, by_chance, len(off), axis)
     # What few witnesses leave open counts where they are, as if each row had its own.
-    left_open = np.linalg.inv(prior + information(columns, off - columns @ value, sigma, single))
+    left_open = np.linalg.inv(prior + told)
     common = float(np.einsum('ki,ij,kj->', columns, left_open, columns)) / len(off)
     return RowError(float(value[0]), value[1:], centre, half, math.sqrt(single**2 + common), len(off), axis)
 
@@ -212,20 +214,10 @@ def information(
     return np.asarray((columns * weight[:, None]).T @ columns)
 
 
-def _log_odds(
-    columns: FloatArray, off: FloatArray, sigma: FloatArray, prior: FloatArray, fit: tuple[FloatArray, float, float]
-) -> float:
-    """Of an error of the rows against none, by Laplace's approximation.
-
-    columns, off, sigma : the k witnesses, (k, 3), (k,), (k,); prior : (3, 3) information; fit : the error and the sigma
-    of single rows about it, and about none
-    """
-    value, single, by_chance = fit
-    left_over = off - columns @ value
+def _log_likelihood(left_over: FloatArray, sigma: FloatArray, single: float) -> float:
+    """Of residuals (k,) of witnesses, some of which are none; see :func:`_likelihoods`."""
     right, wrong = _likelihoods(left_over, sigma, single)
-    gain = np.log(right + wrong).sum() - np.log(np.add(*_likelihoods(off, sigma, by_chance))).sum()
-    told = np.linalg.slogdet(np.eye(3) + np.linalg.solve(prior, information(columns, left_over, sigma, single)))[1]
-    return float(gain - 0.5 * (value @ prior @ value + told))
+    return float(np.log(right + wrong).sum())
 
 
 def _likelihoods(left_over: FloatArray, sigma: FloatArray, single: float | FloatArray) -> tuple[FloatArray, float]:
