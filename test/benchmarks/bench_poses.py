@@ -226,7 +226,8 @@ right, twice, wrong: answers by instance, about one that has a better answer, ab
 those that name another pose, or leave a turn open, which is right
 absent, false: searches for parts that are not there, and their answers; like: wrong or false, on a part nearly the same
 deg, mm, depth %: of right answers, medians and p90, at the part's middle, symmetric poses equal
-stated: squared errors in units of the stated covariance, over chi squared's median: 1 where covariances are true
+stated: squared errors in units of the stated covariance and of what the truth may be off, over chi squared's median: 1
+where covariances are true
 x bound: errors in units of the Cramer-Rao bound of the visible edges, median; b deg, b mm: that bound, rms
 eye3, true: rms of creases at the found and at the true pose in the eye that took no part, median of answers
 ms: a search, median, p99 and greatest; cpu ms: its processor time, which other work does not lengthen, median

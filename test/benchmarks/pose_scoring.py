@@ -34,8 +34,9 @@ class Answer:
     is right, or one that the turn which it leaves open leads to), 'wrong' (the part is there, not so), 'false' (it is
     not there); like : it lies on an instance of a part that is nearly the same.
 
-    stated, bounded : the squared error in units of the stated covariance and of the least one, over the median of chi
-        squared: 1 in the median where that is true; witness_px, witness_true_px : see :func:`witness_rms`
+    stated, bounded : the squared error in units of the stated covariance, with that of the truth, and of the least one,
+        over the median of chi squared: 1 in the median where that is true
+    witness_px, witness_true_px : see :func:`witness_rms`
     """
 
     pose: Pose
@@ -125,7 +126,7 @@ def _weigh(answer: Answer, posed: PosedPair, found: Interpretation) -> None:
     error = pose_error(nearest_true(instance, found.pose), found.pose)
     usual = float(chi2.ppf(0.5, 6 if instance.axis is None else 5))
     if found.covariance is not None:
-        answer.stated = float(error @ np.linalg.solve(found.covariance, error)) / usual
+        answer.stated = float(error @ np.linalg.solve(found.covariance + instance.covariance, error)) / usual
     if posed.bounds:
         answer.bounded = float(error @ posed.bounds[answer.instance].information @ error) / usual
 

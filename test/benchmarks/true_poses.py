@@ -35,6 +35,8 @@ ON_AXIS = 1e-6
 TEA_BOX = 'UNITS MM;\ntea_box = BLOCK (165, 80, 68);\nDRAW tea_box;\n'
 # The other pair's reference contradicts its own pictures by 0.9 px (test_real_images.py).
 TEA_BOX_PAIRS = ('tea box 000',)
+# Degrees and metres to which the poses in pictures of cameras are true, as the folders' own pages have it.
+TRUST = {'openvgr': (0.1, 0.5e-3), 'visp_cube': (0.3, 1.5e-3), 'teabox': (0.5, 1e-3)}
 # Parts that are each other but for a detail.
 ALIKE = {'w9': 'w9c', 'w9c': 'w9', 'w2': 'w3', 'w3': 'w2'}
 
@@ -62,12 +64,14 @@ class Part:
 @dataclass(frozen=True, eq=False)
 class Instance:
     """A part in a pair. pose : left_T_part; share : of its features' length that both eyes see; axis : as that of the
-    part, of what this picture shows of it: where bolt holes and keyway are hidden the roll is not in it."""
+    part, of what this picture shows of it: where bolt holes and keyway are hidden the roll is not in it; trust :
+    degrees and metres, root mean square, by which the pose may itself be off."""
 
     part: Part
     pose: Pose
     share: float
     axis: np.ndarray | None
+    trust: tuple[float, float] = (0.0, 0.0)
 
     @property
     def to_find(self) -> bool:
@@ -77,6 +81,14 @@ class Instance:
     def place(self) -> np.ndarray:
         """(3,) metres, left optical frame."""
         return np.asarray(self.pose.apply(self.part.middle))
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(6, 6) of the pose itself, see :func:`pose_bounds.pose_error`: what turns it turns it about its middle."""
+        moved, x, y, z = np.eye(6), *(self.pose.translation - self.place)
+        moved[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+        sigma = np.repeat([self.trust[1], np.radians(self.trust[0])], 3) / np.sqrt(3.0)
+        return np.asarray(moved * sigma**2 @ moved.T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +267,8 @@ def _openvgr(folder: Path, name: str) -> tuple[list[Instance], list[Part]]:
     for given in truth['instances']:
         part = parts[given['part']]
         # 1 is all that could be seen, not all there is.
-        instances.append(Instance(part, rigid_pose(given['R'], given['t']), given['visible_share'], part.axis))
+        pose = rigid_pose(given['R'], given['t'])
+        instances.append(Instance(part, pose, given['visible_share'], part.axis, TRUST['openvgr']))
     present = [one.part.name for one in instances]
     return instances, [parts[part] for part in (*present, *(other for other in parts if other not in present))]
 
@@ -263,14 +276,14 @@ def _openvgr(folder: Path, name: str) -> tuple[list[Instance], list[Part]]:
 def _cube(folder: Path, name: str) -> tuple[list[Instance], list[Part]]:
     truth = next(t for t in json.loads((folder / 'truth.json').read_text()) if t['name'] == name)
     part = part_in(folder.parent / 'cube.csg')
-    return [Instance(part, rigid_pose(truth['cube']['R'], truth['cube']['t']), 1.0, None)], [part]
+    return [Instance(part, rigid_pose(truth['cube']['R'], truth['cube']['t']), 1.0, None, TRUST['visp_cube'])], [part]
 
 
 def _teabox(folder: Path, name: str) -> tuple[list[Instance], list[Part]]:
     reference = json.loads((folder / 'box_poses.json').read_text())
     entry = reference['poses'][name.split()[-1]]
     pose = Pose.from_rotation_vector(entry['rvec'], entry['tvec_m'])
-    return [Instance(tea_box(), pose, 1.0, None)], [tea_box()]
+    return [Instance(tea_box(), pose, 1.0, None, TRUST['teabox'])], [tea_box()]
 
 
 def _pose_of(matrix: Any) -> Pose:

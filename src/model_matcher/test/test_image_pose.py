@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -15,11 +16,11 @@ from csg_renderer import Light, Scene, SolidOutline, load_models, model_features
 from csg_renderer.raycast.sensor import SensorModel
 from model_matcher import MatchParams, index_model, match
 from model_matcher.geometry.pose_rows import as_motion
-from model_matcher.image_pose.alignment import Placed
+from model_matcher.image_pose.alignment import Equations, Placed, Prior
 from model_matcher.image_pose.finding import find_steps
 from model_matcher.image_pose.image_quality import look_of
 from model_matcher.image_pose.measurement import Laid, _likelier_tone, drawn_in, measure_pose, polished, presence
-from model_matcher.image_pose.model_error import FIRST_ERROR, ModelError, fitted_model_error
+from model_matcher.image_pose.model_error import FIRST_ERROR, ModelError, _of_images, fitted_model_error
 from model_matcher.image_pose.presence import Chance, behind_screens, bent, log_ratio
 from model_matcher.image_pose.profiles import FITTED, Quality, Stretches, fit_profiles, fit_steps, profiles_of
 from model_matcher.image_pose.settings import (
@@ -29,6 +30,7 @@ from model_matcher.image_pose.settings import (
     FIRST_SLOPE,
     FIRST_WALK,
     FLANK,
+    IMAGE_TURNS,
     LEAST_SLOPE,
     WALKS,
 )
@@ -257,7 +259,7 @@ def test_tone_curves_are_not_told_apart_by_less_than_noise():
     weight = np.full(len(sight), 1.0 / 0.05**2)
 
     def laid(off):
-        return Laid(as_motion(pose), np.zeros(len(sight)), weight, np.eye(6), ModelError(off, off, 0.0))
+        return Laid(as_motion(pose), np.zeros(len(sight)), weight, np.eye(6), ModelError(off, off, 0.0, 0.0))
 
     assert _likelier_tone([laid(0.001), laid(0.00001)], sight) == 0
     assert _likelier_tone([laid(0.3), laid(0.001)], sight) == 1
@@ -308,7 +310,7 @@ def test_the_errors_of_curves_in_all_views_and_in_one_are_told_from_those_of_poi
     variance = np.full(len(group), 0.05**2)
     for _ in range(60):
         weight = 1.0 / (variance + error.point**2)
-        error = fitted_model_error(placed, residual, weight, variance, np.eye(6), error)
+        error = fitted_model_error(placed, residual, weight, variance, *known_pose(np.eye(6)), error)
     assert error.curve == pytest.approx(0.3, rel=0.2)
     assert error.view == pytest.approx(0.15, rel=0.2)
     assert error.point == pytest.approx(0.1, rel=0.1)
@@ -324,7 +326,7 @@ def test_an_outline_that_is_nothing_off_is_found_to_be_so_at_once():
     residual = np.abs(rng.normal(scale=0.05, size=len(group))) * np.where(np.arange(len(group)) % 2, 1.0, -1.0)
     placed = Placed(np.zeros((len(group), 3)), 0 * group, none, none, group, group, abscissa, np.zeros((len(group), 6)))
     variance = np.full(len(group), 0.05**2)
-    error = fitted_model_error(placed, residual, 1.0 / variance, variance, np.eye(6), FIRST_ERROR)
+    error = fitted_model_error(placed, residual, 1.0 / variance, variance, *known_pose(np.eye(6)), FIRST_ERROR)
     assert max(error.curve, error.view) < 2e-3  # a line is known to 0.05 / sqrt(30) = 9e-3
 
 
@@ -339,7 +341,8 @@ def test_no_curve_is_farther_off_than_steps_are_looked_for(seed, points, known):
     placed = Placed(np.zeros((n, 3)), group // 3, none, none, group, group % np.int32(3), abscissa, slope)
     residual = rng.uniform(-FARTHEST_STEP, FARTHEST_STEP, n)
     variance = np.full(n, 0.05**2)
-    error = fitted_model_error(placed, residual, 1.0 / variance, variance, 10.0**known * np.eye(6), FIRST_ERROR)
+    about = known_pose(10.0**known * np.eye(6))
+    error = fitted_model_error(placed, residual, 1.0 / variance, variance, *about, FIRST_ERROR)
     assert 0.0 <= min(error) <= max(error.curve, error.view) < FARTHEST_STEP + 1e-9
     assert error.point <= FARTHEST_STEP / NORMAL_QUARTILE
 
@@ -516,6 +519,11 @@ def test_a_curve_has_one_number_in_all_views():
     assert len(set(curve.tolist())) == 3
 
 
+def known_pose(normal):
+    """Equations of a pose, and a prior, as fits have them: of which so much (6, 6) is known."""
+    return Equations(normal, np.zeros(6)), Prior(np.zeros((6, 6)), np.zeros(6))
+
+
 def rendered(name, seed, noise=2.0, turn=None, antialias=2):
     """Shape, features, true pose and the views of an object of a scene file in a random pose, or at a turn (3, 3)."""
     solid = next(iter(load_models(name).values()))
@@ -560,6 +568,41 @@ def test_a_pose_far_off_is_drawn_in_at_half_resolution():
     start = moved(pose, shape.centre, 4.0, 30.0 * shape.size, 3)
     found = measure_pose(shape, start, views, search_px=32)
     assert pose.error_to(found.pose).rotation_deg < 0.1
+
+
+@pytest.mark.parametrize(('name', 'seed'), [('plug', 1), ('cylinder_box', 5), ('wedge', 1)])
+def test_a_camera_that_is_not_quite_where_it_is_said_to_be_is_found_out(name, seed):
+    """What all curves of an image are off is one error, not one of each."""
+    shape, _, pose, views, rig = rendered(name, seed)
+    right = rig.right
+    moved_a_little = replace(right, cx=right.cx - 0.3, cy=right.cy + 0.4)
+    off_views = Views(views.images, (rig.left, moved_a_little), views.poses)
+    exact, found = measure_pose(shape, pose, views), measure_pose(shape, pose, off_views)
+    assert exact.error.image < 0.02
+    assert 0.2 < found.error.image < 0.6
+    # Where each curve had its own error, these had to be 0.4 pixels.
+    assert found.error.view < exact.error.view + 0.05
+    turn = Rotation.from_matrix(found.pose.rotation @ pose.rotation.T).as_rotvec()
+    off = np.concatenate([found.pose.translation - pose.translation, turn])
+    assert off @ np.linalg.solve(found.covariance, off) < 30.0
+    # Disparities tell no more than columns are known to; how large the part looks still does.
+    sigma, least = (np.sqrt(one.covariance[2, 2]) for one in (found, exact))
+    assert 1.5 * least < sigma
+    by_columns = 0.4 * pose.translation[2] ** 2 / (rig.left.fx * rig.baseline)
+    assert sigma < by_columns
+
+
+@given(st.floats(1.0, 1e6), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.integers(1, 4))
+def test_the_likeliest_sigma_of_images_in_closed_form(told, u, v, further):
+    """Of unknowns that are known alike: their mean square less their variance."""
+    off = np.resize([u, v], 2 * further)
+    normal = np.zeros((6 + len(off), 6 + len(off)))
+    normal[:6, :6] = 1e3 * np.eye(6)
+    normal[6:, 6:] = told * np.eye(len(off))
+    right = np.concatenate([np.zeros(6), told * off])
+    sigma = _of_images(Equations(normal, right), Prior(np.zeros((6, 6)), np.zeros(len(right))))
+    expected = math.sqrt(max((off**2).mean() - 1.0 / told, 0.0))
+    assert sigma == pytest.approx(expected, abs=FARTHEST_STEP * 2.0 ** (-IMAGE_TURNS / 2) + 1e-12)
 
 
 def test_one_camera_is_enough():

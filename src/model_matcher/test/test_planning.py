@@ -170,7 +170,7 @@ def test_unknown_faults_of_lines_and_cameras_are_eliminated_as_a_dense_solution_
     seen = predict(l_shape, pose, rig)
     placed, weight = _in_pieces(seen.sight.placed), seen.weight
     line = np.stack([np.ones(len(weight)), placed.abscissa], axis=1)
-    columns, sigmas = [placed.slope], [np.full(6, np.inf)]
+    columns, sigmas = [placed.slope[:, :6]], [np.full(6, np.inf)]
     for number, drawn in ((placed.curve, DRAWN_LINE_PX), (placed.group, DRAWN_VIEW_PX)):
         of_line = (number[:, None] == np.arange(number.max() + 1))[:, :, None] * line[:, None]
         columns += [of_line.reshape(len(weight), -1)]

@@ -37,15 +37,15 @@ def cholesky(a: FloatArray, n: int, low: FloatArray) -> bool:
 
 
 @njit
-def solve6(a: FloatArray, b: FloatArray, x: FloatArray) -> bool:
+def solve_positive(a: FloatArray, b: FloatArray, x: FloatArray) -> bool:
     """Solve a x = b by Cholesky's decomposition.
 
     Parameters
     ----------
-    a : (6, 6) float64
+    a : (n, n) float64
         Symmetric; its lower half is read.
-    b : (6,) float64
-    x : (6,) float64
+    b : (n,) float64
+    x : (n,) float64
         Filled with the solution.
 
     Returns
@@ -56,21 +56,22 @@ def solve6(a: FloatArray, b: FloatArray, x: FloatArray) -> bool:
     Examples
     --------
     >>> x = np.empty(6)
-    >>> solve6(4.0 * np.eye(6), np.ones(6), x), x.tolist()
+    >>> solve_positive(4.0 * np.eye(6), np.ones(6), x), x.tolist()
     (True, [0.25, 0.25, 0.25, 0.25, 0.25, 0.25])
 
     """
-    low = np.zeros((6, 6))
-    if not cholesky(a, 6, low):
+    n = len(b)
+    low = np.zeros((n, n))
+    if not cholesky(a, n, low):
         return False
-    for i in range(6):
+    for i in range(n):
         total = b[i]
         for k in range(i):
             total -= low[i, k] * x[k]
         x[i] = total / low[i, i]
-    for i in range(5, -1, -1):
+    for i in range(n - 1, -1, -1):
         total = x[i]
-        for k in range(i + 1, 6):
+        for k in range(i + 1, n):
             total -= low[k, i] * x[k]
         x[i] = total / low[i, i]
     return True
@@ -215,11 +216,11 @@ def normal_equations(
 
 @njit
 def damp(normal: FloatArray) -> None:
-    """Add a little of the trace to the diagonal of a normal matrix (6, 6): a free motion stays where it is."""
+    """Add a little of the trace to the diagonal of a normal matrix (n, n): a free motion stays where it is."""
     trace = 0.0
-    for i in range(6):
+    for i in range(len(normal)):
         trace += normal[i, i]
-    for i in range(6):
+    for i in range(len(normal)):
         normal[i, i] += ROUNDING * trace
 
 
@@ -265,7 +266,7 @@ def refine(
                     centre[i] += data.rows[k, i] / matched
         normal_equations(motion, model.rows, data, assignment, sign, centre, normal, right)
         damp(normal)
-        if solve6(normal, right, step):
+        if solve_positive(normal, right, step):
             compose_small(motion, centre, step)
         _, _, squares, points = normal_equations(motion, model.rows, data, assignment, sign, centre, normal, right)
         rms = np.sqrt(squares / max(points, 1))

@@ -15,7 +15,7 @@ from msgs_py.numeric.robust import OUTLYING
 from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
 from .features import CURVE, FeatureRows
-from .least_squares import cholesky, damp, solve6
+from .least_squares import cholesky, damp, solve_positive
 from .rigid_motion import compose_small, perpendiculars, transform_line
 from .settings import CONVERGED, MOST_STEPS, NOT_ZERO
 
@@ -230,7 +230,7 @@ def weighted_fit(
         # A copy, so that a free motion is still seen to be free in what is returned.
         damped[:] = normal
         damp(damped)
-        if not solve6(damped, right, step):
+        if not solve_positive(damped, right, step):
             break
         compose_small(motion, centre, step)
         gain = (step * right).sum()

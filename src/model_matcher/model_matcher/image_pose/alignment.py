@@ -10,9 +10,10 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array
 
-from ..geometry.least_squares import damp, solve6
+from ..geometry.least_squares import damp, solve_positive
 from ..geometry.rigid_motion import compose_small, transform
 from ..geometry.settings import UNIFORM_ANGLE
+from .settings import OF_IMAGE
 
 
 class Placed(NamedTuple):
@@ -32,9 +33,10 @@ class Placed(NamedTuple):
         Curve of the model, one number for all views.
     abscissa : (n,) float64
         Where on its curve each is, from -1 to 1.
-    slope : (n, 6) float64
+    slope : (n, 6 + 2 (v - 1)) float64
         How far each moves along its normal by a turn about the middle of the model and a shift, at the pose where it
-        was drawn: pixels a radian, and a metre.
+        was drawn: pixels a radian, and a metre. And by what the image of each of v cameras but the first is off, to the
+        right and down.
     """
 
     point: FloatArray
@@ -69,6 +71,22 @@ class Steps(NamedTuple):
         return self._replace(number=np.where(points, np.minimum(self.number, 0), self.number))
 
 
+class Common(NamedTuple):
+    """Sigmas, pixels, of what points are off together.
+
+    Attributes
+    ----------
+    curve, view : float
+        Of either unknown of the line of a curve in all views, and of that in one view.
+    image : float
+        Of each unknown of the image of a camera but the first.
+    """
+
+    curve: float
+    view: float
+    image: float
+
+
 class Prior(NamedTuple):
     """What is known of a pose beforehand.
 
@@ -76,12 +94,33 @@ class Prior(NamedTuple):
     ----------
     information : (6, 6) float64
         On its turn, about the middle of the model, and shift; zeros where nothing is known.
-    moved : (6,) float64
-        How far the pose is from where it is believed to be: changed in place with the pose.
+    moved : (m,) float64
+        How far the pose is from where it is believed to be, and then by how many pixels the images of further cameras
+        are off, see :attr:`Placed.slope`: changed in place with the pose.
     """
 
     information: FloatArray
     moved: FloatArray
+
+
+class Equations(NamedTuple):
+    """Normal equations of a step to the m unknowns of :attr:`Placed.slope`, without what is known beforehand.
+
+    Attributes
+    ----------
+    normal : (m, m) float64
+    right : (m,) float64
+    """
+
+    normal: FloatArray
+    right: FloatArray
+
+
+@njit(nogil=True)
+def no_equations(placed: Placed) -> Equations:
+    """Equations to be filled."""
+    unknowns = placed.slope.shape[1]
+    return Equations(np.zeros((unknowns, unknowns)), np.zeros(unknowns))
 
 
 @njit(nogil=True)
@@ -118,17 +157,18 @@ def align(
     steps: Steps,
     widths: FloatArray,
     elsewhere: float,
-    common: tuple[float, float],
+    common: Common,
     prior: Prior,
     residual: FloatArray,
     weight: FloatArray,
-    normal: FloatArray,
+    equations: Equations,
 ) -> None:
     """Lay a pose on steps, in place: each is that of the point, with normal errors, or lies anywhere.
 
     Expectation-maximisation of that mixture, one Gauss-Newton step a width. A whole curve is off besides, by a straight
     line along it, the same in all views, and by another one in each view: their unknowns, two each, are eliminated from
-    the normal equations.
+    the normal equations. What the image of a camera is off as a whole, for it is not quite where it is said to be, is
+    found with the pose.
 
     Parameters
     ----------
@@ -144,21 +184,25 @@ def align(
         Pixels, sigma that is added to that of the steps in each turn.
     elsewhere : float
         A pixel: density of steps that are not the point's, over the chance that a point has its own.
-    common : tuple of float
-        Pixels, sigmas of either unknown of the line of a curve in all views, and of that in one view.
+    common : Common
     prior : Prior
         Of the pose.
     residual, weight : (n,) float64
         Filled with what remains (not a number without step) and what it counts: the chance that the step is the
         point's, over its variance.
-    normal : (6, 6) float64
-        Filled with the normal matrix, turn and shift, about the middle; the prior is not in it.
+    equations : Equations
+        Filled with those at the pose that is found.
     """
-    right, step, centre = np.zeros(6), np.zeros(6), np.zeros(3)
-    information, moved = prior
-    n, with_lines = len(placed.eye), common[0] > 0.0 or common[1] > 0.0
-    of_group = np.empty((placed.group.max() + 1 if n else 0, 2, 9))
-    of_curve = np.empty((placed.curve.max() + 1 if n else 0, 2, 9))
+    normal, right = equations
+    unknowns = len(right)
+    step, centre = np.zeros(unknowns), np.zeros(3)
+    moved = prior.moved
+    curve, view, image = common
+    n, with_lines = len(placed.eye), curve > 0.0 or view > 0.0
+    of_group = np.empty((placed.group.max() + 1 if n else 0, 2, 3 + unknowns))
+    of_curve = np.empty((placed.curve.max() + 1 if n else 0, 2, 3 + unknowns))
+    if image <= 0.0:
+        moved[6:] = 0.0
     for turn in range(len(widths) + 1):
         last = turn == len(widths)
         width = widths[min(turn, len(widths) - 1)]
@@ -173,8 +217,12 @@ def align(
             row = placed.slope[k]
             if math.isnan(at):
                 continue
+            # By what the images of later cameras are off, it does not move.
+            known = min(6 + OF_IMAGE * placed.eye[k], unknowns)
+            for i in range(6, known):
+                at += row[i] * moved[i]
             variance = steps.variance[k] + width * width
-            spread = variance + common[0] ** 2 + common[1] ** 2
+            spread = variance + curve**2 + view**2
             total, mean = 0.0, 0.0
             for j in range(steps.number[k]):
                 e = steps.offset[k, j] - at
@@ -187,97 +235,111 @@ def align(
             residual[k], weight[k] = mean / total, own / variance
             if with_lines:
                 add_to_line(of_group[placed.group[k]], weight[k], placed.abscissa[k], row, residual[k])
-            for i in range(6):
+            for i in range(known):
                 right[i] += weight[k] * row[i] * residual[k]
                 for j in range(i + 1):
                     normal[i, j] += weight[k] * row[i] * row[j]
         if with_lines:
             _without_lines(normal, right, placed, of_group, of_curve, common)
-        for i in range(6):
+        for i in range(unknowns):
             for j in range(i):
                 normal[j, i] = normal[i, j]
         if last:
             break
-        damped = normal + information
-        for i in range(6):
-            for j in range(6):
-                right[i] -= information[i, j] * moved[j]
+        damped, towards = with_prior(equations, prior, image)
         for i in range(3):
             # What nothing tells of a turn: any is as likely.
             damped[i, i] += 1.0 / UNIFORM_ANGLE**2
         damp(damped)
-        if not solve6(damped, right, step):
+        if not solve_positive(damped, towards, step):
             break
         compose_small(motion, centre, step)
+        step[6:] *= image
         moved += step
 
 
 @njit(nogil=True)
+def with_prior(equations: Equations, prior: Prior, image: float) -> tuple[FloatArray, FloatArray]:
+    """Equations (m, m), (m,) with what is known beforehand.
+
+    What images are off is in units of their sigma, so that they may well be off by nothing.
+    """
+    normal, right = equations.normal.copy(), equations.right.copy()
+    normal[:6, :6] += prior.information
+    right[:6] -= prior.information @ prior.moved[:6]
+    for i in range(6, len(right)):
+        normal[i, :] *= image
+        normal[:, i] *= image
+        right[i] *= image
+        normal[i, i] += 1.0
+        if image > 0.0:
+            right[i] -= prior.moved[i] / image
+    return normal, right
+
+
+@njit(nogil=True)
 def _without_lines(
-    normal: FloatArray,
-    right: FloatArray,
-    placed: Placed,
-    of_group: FloatArray,
-    of_curve: FloatArray,
-    common: tuple[float, float],
+    normal: FloatArray, right: FloatArray, placed: Placed, of_group: FloatArray, of_curve: FloatArray, common: Common
 ) -> None:
     """Take the lines by which curves are off out of normal equations of which the lower half is filled.
 
-    of_group, of_curve : (g, 2, 9) and (c, 2, 9) zeros, see :func:`_eliminate`; common : see :func:`align`
+    of_group, of_curve : (g, 2, 3 + m) and (c, 2, 3 + m) zeros, see :func:`_eliminate`
     """
+    whole, in_view, _ = common
     for k in range(len(placed.eye)):
         if k == 0 or placed.group[k] != placed.group[k - 1]:
-            _eliminate(normal, right, of_group[placed.group[k]], common[1])
+            _eliminate(normal, right, of_group[placed.group[k]], in_view)
             of_curve[placed.curve[k]] += of_group[placed.group[k]]
     for curve in range(len(of_curve)):
-        _eliminate(normal, right, of_curve[curve], common[0])
+        _eliminate(normal, right, of_curve[curve], whole)
 
 
 @njit(nogil=True)
 def _eliminate(normal: FloatArray, right: FloatArray, sums: FloatArray, sigma: float) -> None:
     """Take a line by which points are off, of sigma, out of the lower half of the normal equations, and of its sums.
 
-    sums : (2, 9), for offset and slope the sums of weights times: derivatives (6), residual, offset, slope; in place
+    sums : (2, 3 + m), see :func:`add_to_line`; in place
     """
-    if sigma <= 0.0 or sums[0, 7] <= 0.0:
+    if sigma <= 0.0 or sums[0, 1] <= 0.0:
         return
     p, q, r = inverse_of_line(sums, sigma)
-    given = np.empty((2, 9))
-    for i in range(9):
+    wide = sums.shape[1]
+    given = np.empty((2, wide))
+    for i in range(wide):
         given[0, i] = p * sums[0, i] + q * sums[1, i]
         given[1, i] = q * sums[0, i] + r * sums[1, i]
-    for i in range(6):
-        right[i] -= given[0, i] * sums[0, 6] + given[1, i] * sums[1, 6]
+    for i in range(wide - 3):
+        right[i] -= given[0, 3 + i] * sums[0, 0] + given[1, 3 + i] * sums[1, 0]
         for j in range(i + 1):
-            normal[i, j] -= given[0, i] * sums[0, j] + given[1, i] * sums[1, j]
-    a, b, c = sums[0, 7], sums[0, 8], sums[1, 8]
-    for i in range(9):
+            normal[i, j] -= given[0, 3 + i] * sums[0, 3 + j] + given[1, 3 + i] * sums[1, 3 + j]
+    a, b, c = sums[0, 1], sums[0, 2], sums[1, 2]
+    for i in range(wide):
         sums[0, i] -= a * given[0, i] + b * given[1, i]
         sums[1, i] -= b * given[0, i] + c * given[1, i]
 
 
 @njit(nogil=True)
 def add_to_line(sums: FloatArray, weight: float, abscissa: float, slope: FloatArray, residual: float) -> None:
-    """Add a point to the sums (2, 9) of a line, of its offset and of its slope.
+    """Add a point to the sums (2, 3 + m) of a line, of its offset and of its slope.
 
-    Of weights times: derivatives by the pose (6), residual, offset, slope.
+    Of weights times: residual, offset, slope, derivatives by the m unknowns of :attr:`Placed.slope`.
     """
     for line in range(2):
         part = weight * (abscissa if line else 1.0)
-        for i in range(6):
-            sums[line, i] += part * slope[i]
-        sums[line, 6] += part * residual
-        sums[line, 7] += part
-        sums[line, 8] += part * abscissa
+        sums[line, 0] += part * residual
+        sums[line, 1] += part
+        sums[line, 2] += part * abscissa
+        for i in range(len(slope)):
+            sums[line, 3 + i] += part * slope[i]
 
 
 @njit(nogil=True)
 def inverse_of_line(sums: FloatArray, sigma: float) -> tuple[float, float, float]:
     """Covariance of offset and slope, of sigma beforehand, by points of so much weight: (0, 0), (0, 1) and (1, 1).
 
-    sums : (2, 9), see :func:`add_to_line`
+    sums : see :func:`add_to_line`
     """
     prior = 1.0 / (sigma * sigma)
-    a, b, c = sums[0, 7] + prior, sums[0, 8], sums[1, 8] + prior
+    a, b, c = sums[0, 1] + prior, sums[0, 2], sums[1, 2] + prior
     scale = 1.0 / (a * c - b * b)
     return scale * c, -scale * b, scale * a

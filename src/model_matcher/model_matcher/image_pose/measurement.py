@@ -24,11 +24,11 @@ from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
 from ..geometry.least_squares import covariances
 from ..geometry.pose_rows import as_motion, as_pose
-from .alignment import Placed, Prior, Steps, align, moved_by
+from .alignment import Common, Placed, Prior, Steps, align, moved_by, no_equations
 from .ends import ends_seen, log_ratio
 from .finding import Pictures, steps_about
 from .image_quality import look_of
-from .model_error import FIRST_ERROR, NO_ERROR, ModelError, settled
+from .model_error import FIRST_ERROR, NO_ERROR, ModelError, of_pose, settled
 from .neighbours import may_hide, neighbours
 from .presence import bent, shown_outline
 from .profiles import FITTED, Quality, Stretches, fit_steps
@@ -386,7 +386,7 @@ def laid(
     prior: FloatArray = NO_PRIOR,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Lay a pose (12,) on steps, in place: residuals, weights (n,) and the normal matrix (6, 6); see :func:`.align`."""
-    residual, weight, normal = np.empty(len(sight)), np.empty(len(sight)), np.zeros((6, 6))
+    residual, weight, equations = np.empty(len(sight)), np.empty(len(sight)), no_equations(sight.placed)
     align(
         motion,
         shape.centre,
@@ -395,13 +395,13 @@ def laid(
         steps,
         widths,
         density,
-        (0.0, 0.0),
-        Prior(prior, np.zeros(6)),
+        Common(0.0, 0.0, 0.0),
+        Prior(prior, np.zeros(len(equations.right))),
         residual,
         weight,
-        normal,
+        equations,
     )
-    return residual, weight, normal
+    return residual, weight, of_pose(equations.normal, 0.0)
 
 
 def _nothing(motion: FloatArray, there: Presence) -> ImagePose:

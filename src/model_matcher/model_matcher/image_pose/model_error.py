@@ -1,9 +1,10 @@
 """What is wrong with a model's outline in images besides noise, estimated from what a fit leaves.
 
 An edge is rounded, a part is not to size: then a curve lies off by a straight line along it, the same in all views. The
-light falls from one side, a lens bends a line, two cameras are not quite where they are said to be: then it is off by
-another line in each view. And each point is off by a little of its own. The sigmas of the three are estimated from the
-residuals, so that the weight of a curve does not grow without end with its length, nor with the number of views.
+light falls from one side, a lens bends a line: then it is off by another line in each view. And each point is off by a
+little of its own. Two cameras are not quite where they are said to be: then all that one of them shows is off together.
+The sigmas of the four are estimated from the residuals, so that the weight of a curve does not grow without end with
+its length, nor with the number of views, nor that of all curves with their number.
 """
 
 from __future__ import annotations
@@ -18,11 +19,23 @@ from msgs_py.numeric.robust import NORMAL_QUARTILE
 from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..geometry.settings import NOT_ZERO, ROUNDING
-from .alignment import Placed, Prior, Steps, add_to_line, align, inverse_of_line
+from .alignment import (
+    Common,
+    Equations,
+    Placed,
+    Prior,
+    Steps,
+    add_to_line,
+    align,
+    inverse_of_line,
+    no_equations,
+    with_prior,
+)
 from .settings import (
     FARTHEST_STEP,
     FEWEST_POINTS,
     FIRST_ERROR_PX,
+    IMAGE_TURNS,
     LONGEST_JUMP,
     POINT_TURNS,
     SETTLED,
@@ -42,16 +55,20 @@ class ModelError(NamedTuple):
         Of those that it has in one view besides.
     point : float
         Of a point on its curve, beyond what its step is stated to be off.
+    image : float
+        Of each of the unknowns of the whole image of a camera but the first, see :attr:`.alignment.Placed.slope`. Of a
+        pair the rows tell it; its columns, in which an error is one of the depth, are taken to be off by as much.
     """
 
     curve: float
     view: float
     point: float
+    image: float
 
 
-NO_ERROR = ModelError(0.0, 0.0, 0.0)
+NO_ERROR = ModelError(0.0, 0.0, 0.0, 0.0)
 # What is believed at first.
-FIRST_ERROR = ModelError(FIRST_ERROR_PX, FIRST_ERROR_PX, FIRST_ERROR_PX)
+FIRST_ERROR = ModelError(FIRST_ERROR_PX, FIRST_ERROR_PX, FIRST_ERROR_PX, FIRST_ERROR_PX)
 
 
 @njit(nogil=True)
@@ -91,22 +108,33 @@ def settled(
     error : ModelError
     """
     n = len(placed.eye)
-    residual, weight, normal = np.empty(n), np.empty(n), np.zeros((6, 6))
-    widths, prior = np.zeros(TO_POSE), Prior(_where_drawn(placed, off), np.zeros(6))
+    residual, weight, equations = np.empty(n), np.empty(n), no_equations(placed)
+    widths, prior = np.zeros(TO_POSE), Prior(_where_drawn(placed, off), np.zeros(len(equations.right)))
     for _ in range(rounds):
-        curve, view, point = error
+        curve, view, point, image = error
         own = Steps(steps.offset, steps.number, steps.variance + point**2)
-        align(motion, middle, cameras, placed, own, widths, density, (curve, view), prior, residual, weight, normal)
+        common = Common(curve, view, image)
+        align(motion, middle, cameras, placed, own, widths, density, common, prior, residual, weight, equations)
         if (weight > 0.0).sum() < FEWEST_POINTS:
             break
-        error = fitted_model_error(placed, residual, weight, steps.variance, normal + prior.information, error)
+        error = fitted_model_error(placed, residual, weight, steps.variance, equations, prior, error)
         change, size = 0.0, 0.0
-        for one, other in zip(error, (curve, view, point)):
+        for one, other in zip(error, (curve, view, point, image)):
             change += abs(one - other)
             size += other
         if change < SETTLED * size:
             break
-    return residual, weight, normal, error
+    return residual, weight, of_pose(equations.normal, error.image), error
+
+
+@njit(nogil=True)
+def of_pose(normal: FloatArray, image: float) -> FloatArray:
+    """What a normal matrix (m, m) says of the pose alone, (6, 6), when images are off by so many pixels, sigma."""
+    pose = normal[:6, :6].copy()
+    if image > 0.0 and len(normal) > 6:
+        further = normal[6:, 6:] + np.eye(len(normal) - 6) / image**2
+        pose -= normal[:6, 6:] @ np.linalg.solve(further, np.ascontiguousarray(normal[6:, :6]))
+    return pose
 
 
 @njit(nogil=True)
@@ -129,10 +157,11 @@ def fitted_model_error(
     residual: FloatArray,
     weight: FloatArray,
     variance: FloatArray,
-    normal: FloatArray,
+    equations: Equations,
+    prior: Prior,
     before: ModelError,
 ) -> ModelError:
-    """The sigmas by expectation-maximisation.
+    """The sigmas by expectation-maximisation; that of images as what is left says is likeliest.
 
     Parameters
     ----------
@@ -144,9 +173,10 @@ def fitted_model_error(
         What each counts.
     variance : (n,) float64
         Square pixels, what noise makes of it.
-    normal : (6, 6) float64
-        Information on the pose, also what was known beforehand: what the pose has taken of the lines is not known to be
-        none.
+    equations : Equations
+        Of the fit: what the pose has taken of the lines is not known to be none.
+    prior : Prior
+        Of it, and how far it moved.
     before : ModelError
         The estimate so far.
 
@@ -155,17 +185,48 @@ def fitted_model_error(
     ModelError
     """
     least = math.sqrt(NOT_ZERO)
-    common, in_view, _ = before
+    common, in_view, _, image = before
     sigmas = max(common, least), max(in_view, least)
-    # A root of its pseudo-inverse: a direction of which nothing is known takes nothing.
-    values, axes = np.linalg.eigh(normal)
-    root = np.zeros((6, 6))
-    for q in range(6):
-        if values[q] > ROUNDING * values[5]:
-            for i in range(6):
-                root[i, q] = axes[i, q] / math.sqrt(values[q])
+    root = root_of_inverse(with_prior(equations, prior, image)[0])
+    root[6:] *= image
     curve, view, point = _sigmas(placed, residual, weight, variance, root, sigmas)
-    return ModelError(curve, view, point)
+    return ModelError(curve, view, point, _of_images(equations, prior))
+
+
+@njit(nogil=True)
+def root_of_inverse(normal: FloatArray) -> FloatArray:
+    """A root (m, m) of a matrix's pseudo-inverse: a direction of which nothing is known takes nothing."""
+    values, axes = np.linalg.eigh(normal)
+    for q in range(len(values)):
+        known = values[q] > ROUNDING * values[-1]
+        axes[:, q] *= 1.0 / math.sqrt(values[q]) if known else 0.0
+    return axes
+
+
+@njit(nogil=True)
+def _of_images(equations: Equations, prior: Prior) -> float:
+    """The sigma of images that are off which makes what the equations say of them likeliest, whatever the pose is."""
+    normal, right = equations
+    if len(right) == 6:
+        return 0.0
+    moved = prior.moved
+    root = root_of_inverse(normal[:6, :6] + prior.information)
+    taken = root.T @ np.ascontiguousarray(normal[:6, 6:])
+    towards = root.T @ (right[:6] - prior.information @ moved[:6])
+    own = normal[6:, 6:] - taken.T @ taken
+    told = right[6:] - taken.T @ towards + own @ moved[6:]
+    values, axes = np.linalg.eigh(own)
+    squares = (axes.T @ told) ** 2
+    low, high = 0.0, FARTHEST_STEP**2
+    for _ in range(IMAGE_TURNS):
+        middle = 0.5 * (low + high)
+        spread = 1.0 + middle * values
+        # The derivative of the likelihood by the variance.
+        if (squares / spread**2 - values / spread).sum() > 0.0:
+            low = middle
+        else:
+            high = middle
+    return math.sqrt(low)
 
 
 @njit(nogil=True)
@@ -179,38 +240,38 @@ def _sigmas(
 ) -> tuple[float, float, float]:
     """As :func:`fitted_model_error`.
 
-    root : (6, 6), that times its transpose is the covariance of the pose; before : sigmas of curve and view
+    root : (m, m), that times its transpose is the covariance of the unknowns; before : sigmas of curve and view
     """
     group, curve = placed.group, placed.curve
     # Of each curve in a view.
-    groups = group.max() + 1
-    sums, of_curve = np.zeros((groups, 2, 9)), np.full(groups, -1)
+    groups, unknowns = group.max() + 1, len(root)
+    sums, of_curve = np.zeros((groups, 2, 3 + unknowns)), np.full(groups, -1)
     for k in range(len(curve)):
         if not weight[k] > 0.0:
             continue
         of_curve[group[k]] = curve[k]
         add_to_line(sums[group[k]], weight[k], placed.abscissa[k], placed.slope[k], residual[k])
-    # Derivatives by independent unknowns of variance 1 instead of the pose: what depends on it has the variance of its
-    # squared derivatives.
-    own = np.empty(6)
+    # Derivatives by independent unknowns of variance 1 instead of those of the fit: what depends on them has the
+    # variance of its squared derivatives.
+    own = np.empty(unknowns)
     for g in range(groups):
         if of_curve[g] < 0:
             continue
         for line in range(2):
-            own[:] = sums[g, line, :6]
-            for q in range(6):
+            own[:] = sums[g, line, 3:]
+            for q in range(unknowns):
                 total = 0.0
-                for i in range(6):
+                for i in range(unknowns):
                     total += own[i] * root[i, q]
-                sums[g, line, q] = total
+                sums[g, line, 3 + q] = total
     common, view = before
     most = of_curve.max() + 1
     lines = _Lines(
         np.zeros((most, 2)),
         np.zeros((groups, 2)),
-        np.zeros((most, 2, 9)),
+        np.zeros((most, 2, 3 + unknowns)),
         np.zeros((most, 2, 2)),
-        np.zeros((most, 2, 6)),
+        np.zeros((most, 2, unknowns)),
     )
     for _ in range(SIGMA_TURNS):
         last = common, view
@@ -268,9 +329,9 @@ class _Lines(NamedTuple):
     ----------
     shared, own : (c, 2), (g, 2) float64
         Offset and slope of each curve in all views, and in one view besides.
-    whole, alone, turned : (c, 2, 9), (c, 2, 2), (c, 2, 6) float64
+    whole, alone, turned : (c, 2, 3 + m), (c, 2, 2), (c, 2, m) float64
         Of each curve: its sums less what single views take of them; the covariance of its line when the pose is known,
-        and how that turns with the pose.
+        and how that turns with the unknowns.
     """
 
     shared: FloatArray
@@ -284,7 +345,7 @@ class _Lines(NamedTuple):
 def _expected(sums: FloatArray, of_curve: IntArray, curve: float, view: float, lines: _Lines) -> tuple[float, float]:
     """Fill in the lines; the sigmas that are next, none more than that of steps that are fitted at all.
 
-    sums : (g, 2, 9), see :func:`_sigmas`; of_curve : (g,); curve, view : sigmas before
+    sums : (g, 2, 3 + m), see :func:`_sigmas`; of_curve : (g,); curve, view : sigmas before
     """
     most, whole, alone, turned = len(lines.whole), lines.whole, lines.alone, lines.turned
     whole[:] = 0.0
@@ -293,23 +354,23 @@ def _expected(sums: FloatArray, of_curve: IntArray, curve: float, view: float, l
             continue
         own, rest = sums[g], whole[of_curve[g]]
         p, q, r = inverse_of_line(own, view)
-        for j in range(9):
+        for j in range(whole.shape[2]):
             first, second = p * own[0, j] + q * own[1, j], q * own[0, j] + r * own[1, j]
-            rest[0, j] += own[0, j] - own[0, 7] * first - own[0, 8] * second
-            rest[1, j] += own[1, j] - own[1, 7] * first - own[1, 8] * second
+            rest[0, j] += own[0, j] - own[0, 1] * first - own[0, 2] * second
+            rest[1, j] += own[1, j] - own[1, 1] * first - own[1, 2] * second
     squares, curves = 0.0, 0
     for c in range(most):
-        if whole[c, 0, 7] <= 0.0:
+        if whole[c, 0, 1] <= 0.0:
             lines.shared[c] = 0.0
             continue
         alone[c, 0, 0], alone[c, 0, 1], alone[c, 1, 1] = inverse_of_line(whole[c], curve)
         alone[c, 1, 0] = alone[c, 0, 1]
         for i in range(2):
-            line = alone[c, i, 0] * whole[c, 0, 6] + alone[c, i, 1] * whole[c, 1, 6]
+            line = alone[c, i, 0] * whole[c, 0, 0] + alone[c, i, 1] * whole[c, 1, 0]
             lines.shared[c, i] = line
             squares += line * line + alone[c, i, i]
-            for j in range(6):
-                by_pose = -alone[c, i, 0] * whole[c, 0, j] - alone[c, i, 1] * whole[c, 1, j]
+            for j in range(turned.shape[2]):
+                by_pose = -alone[c, i, 0] * whole[c, 0, 3 + j] - alone[c, i, 1] * whole[c, 1, 3 + j]
                 turned[c, i, j] = by_pose
                 squares += by_pose * by_pose
         curves += 1
@@ -324,16 +385,16 @@ def _expected(sums: FloatArray, of_curve: IntArray, curve: float, view: float, l
         for i in range(2):
             here, other = (p, q) if i == 0 else (q, r)
             # What the offset and the slope of the whole curve take of this one.
-            first = here * own[0, 7] + other * own[1, 7]
-            second = here * own[0, 8] + other * own[1, 8]
-            besides = here * own[0, 6] + other * own[1, 6]
+            first = here * own[0, 1] + other * own[1, 1]
+            second = here * own[0, 2] + other * own[1, 2]
+            besides = here * own[0, 0] + other * own[1, 0]
             besides -= first * lines.shared[c, 0] + second * lines.shared[c, 1]
             lines.own[g, i] = besides
             squares += besides * besides + (p if i == 0 else r)
             squares += first * first * alone[c, 0, 0] + 2.0 * first * second * alone[c, 0, 1]
             squares += second * second * alone[c, 1, 1]
-            for j in range(6):
-                by_pose = here * own[0, j] + other * own[1, j]
+            for j in range(turned.shape[2]):
+                by_pose = here * own[0, 3 + j] + other * own[1, 3 + j]
                 by_pose += first * turned[c, 0, j] + second * turned[c, 1, j]
                 squares += by_pose * by_pose
         views += 1

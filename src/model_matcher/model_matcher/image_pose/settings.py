@@ -39,14 +39,18 @@ DRAWN_IN = (4.0, 2.8, 2.0, 1.4, 1.0, 0.7)
 # Square radians: variance of a turn about an axis above which nothing shows it, that of an angle anywhere within a
 # quarter turn.
 UNSEEN_TURN = RIGHT_ANGLE * RIGHT_ANGLE * UNIFORM_VARIANCE
+# Unknowns of an image that is off as a whole, for its camera is not quite where it is said to be: to the right and
+# down. (Turned or larger, it is off by much the same all over what one object takes of it.)
+OF_IMAGE = 2
 # Points without which a pose of six unknowns is not measured.
 FEWEST_POINTS = 12
 # Pairs of steps of expectation-maximisation to the sigmas of lines at one pose, at most; the share that a last one
 # changes.
 SIGMA_TURNS = 14
 SETTLED = 0.01
-# Halvings to the sigma of points: to a thousandth of what it could be.
+# Halvings to the sigma of points: to a thousandth of what it could be. And to the variance of images.
 POINT_TURNS = 10
+IMAGE_TURNS = 2 * POINT_TURNS
 # Lengths of a step of theirs that are taken at once, at most.
 LONGEST_JUMP = 16.0
 # Rounds of sigmas of the outline's error and pose; steps to the pose in each, and rounds where they begin at the sigmas

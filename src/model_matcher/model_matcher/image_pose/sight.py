@@ -18,7 +18,7 @@ from ..geometry.pose_rows import as_motion
 from ..geometry.rigid_motion import Motion, rotate, transform
 from ..geometry.settings import NOT_ZERO
 from .alignment import Placed
-from .settings import SPACING
+from .settings import OF_IMAGE, SPACING
 from .views import Views
 
 
@@ -202,14 +202,14 @@ def _drawn(
 def _projected(
     outline: Outline, motion: FloatArray, middle: FloatArray, cameras: FloatArray, sizes: FloatArray
 ) -> tuple[Int32Array, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Rows of the points in the images (n,), their places and normals (n, 2), slopes (n, 6) and limbs (n,); see Sight.
+    """Rows of the points in the images (n,), their places and normals (n, 2), slopes (n, m), limbs (n,); see Sight.
 
     cameras, sizes : see :attr:`.views.Views.rows` and :attr:`.views.Views.sizes`
     """
     most = len(outline.eye)
     keep = np.empty(most, np.int32)
     pixel, normal = np.empty((most, 2)), np.empty((most, 2))
-    slope, limb = np.empty((most, 6)), np.empty(most)
+    slope, limb = np.zeros((most, 6 + OF_IMAGE * (len(cameras) - 1))), np.empty(most)
     cx, cy, cz = transform(motion, middle[0], middle[1], middle[2])
     n = 0
     for k in range(most):
@@ -248,6 +248,9 @@ def _projected(
             sx, sy, sz = share * ox, share * oy, share * oz
         slope[n, 0], slope[n, 1], slope[n, 2] = ay * sz - az * sy, az * sx - ax * sz, ax * sy - ay * sx
         slope[n, 3], slope[n, 4], slope[n, 5] = sx, sy, sz
+        if outline.eye[k] > 0:
+            first = 6 + OF_IMAGE * (outline.eye[k] - 1)
+            slope[n, first], slope[n, first + 1] = nu, nv
         n += 1
     return keep[:n].copy(), pixel[:n].copy(), normal[:n].copy(), slope[:n].copy(), limb[:n].copy()
 

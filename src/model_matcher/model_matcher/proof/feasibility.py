@@ -27,7 +27,7 @@ from msgs_py.numeric.typed import BoolArray, ByteArray, FloatArray, Int8Array, I
 
 from ..geometry.back_projection import fit_one
 from ..geometry.features import CURVE, DataFeatures, FeatureRows
-from ..geometry.least_squares import damp, normal_equations, solve6
+from ..geometry.least_squares import damp, normal_equations, solve_positive
 from ..geometry.rigid_motion import compose_small, inverse_rotate, inverse_transform, perpendiculars, transform_line
 from ..geometry.settings import NOT_ZERO, RIGHT_ANGLE, ROUNDING, SMALLEST_LENGTH, WIDEST_CONE
 from .settings import MINIMAX, REGIONS, SUBSETS
@@ -338,11 +338,11 @@ def _solved(
             for p in range(6):
                 right[p] += weights[b] * residuals.jacobian[b, k, p] * residuals.values[b, k]
     unit = np.empty(6)
-    solved: bool = solve6(damped, right, lowest)
+    solved: bool = solve_positive(damped, right, lowest)
     for p in range(6):
         unit[:] = 0.0
         unit[p] = 1.0
-        solved = solved and solve6(damped, unit, inverse[p])
+        solved = solved and solve_positive(damped, unit, inverse[p])
     if not solved:
         lowest[:], inverse[:] = 0.0, 0.0
     return solved
@@ -433,7 +433,7 @@ def _newton(residuals: _Residuals, squares: FloatArray, worst: float, power: flo
         for q in range(p + 1):
             curved[p, q] += normal[p, q]
             curved[q, p], normal[q, p] = curved[p, q], normal[p, q]
-    if not solve6(normal, right, fit.to_lowest) or not solve6(curved, right, fit.to_flattest):
+    if not solve_positive(normal, right, fit.to_lowest) or not solve_positive(curved, right, fit.to_flattest):
         return -1.0
     for p in range(6):
         cost -= fit.to_lowest[p] * right[p]
@@ -947,6 +947,6 @@ def least_squares_pose(motion: FloatArray, assignment: Int32Array, sign: Int8Arr
                 sign[k] = 1 if c >= 0.0 else -1
         normal_equations(motion, model, features, assignment, sign, centre, normal, right)
         damp(normal)
-        if not solve6(normal, right, step):
+        if not solve_positive(normal, right, step):
             break
         compose_small(motion, centre, step)

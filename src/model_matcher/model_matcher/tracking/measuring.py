@@ -150,7 +150,7 @@ def measured(shape: Shape, place: Place, views: Views, error: ModelError) -> Mea
         return None
     if error.point > FARTHEST_STEP:
         return None
-    slope = sight.placed.slope[weight > 0.0]
+    slope = sight.placed.slope[weight > 0.0, :6]
     confirmed = slope.T @ slope / (UNIFORM_VARIANCE * (2.0 * ON_EDGE) ** 2)
     both = covariances(np.stack([normal, confirmed]), np.ones(2), np.zeros((2, 3)), shape.size)
     return Measured(motion, both[0], both[1], error)

@@ -17,7 +17,7 @@ from msgs_py import Pose
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 
-from ..geometry.least_squares import solve6
+from ..geometry.least_squares import solve_positive
 from ..geometry.pose_rows import as_motion, as_pose
 from ..geometry.rigid_motion import transform
 from ..image_pose.settings import FIT_TURNS
@@ -208,7 +208,7 @@ def _aligned(
                     right[i] += weight * row[i] * off[k, line]
                     for j in range(6):
                         normal[i, j] += weight * row[i] * row[j]
-        if not solve6(normal, right, step):
+        if not solve_positive(normal, right, step):
             return normal, 0
         total += step
         move_middle(motion, middle, step)

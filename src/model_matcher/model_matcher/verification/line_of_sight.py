@@ -14,7 +14,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
 from ..geometry.features import CURVE, DataFeatures, ModelFeatures
-from ..geometry.least_squares import add_equation, damp, solve6
+from ..geometry.least_squares import add_equation, damp, solve_positive
 from ..geometry.rigid_motion import compose_small, transform_line
 from ..model.settings import EXACT
 from .settings import ALIKE, ALONG_SIGHT_SINE, FEWEST, FITS, STEREO_RATIO
@@ -173,7 +173,7 @@ def sight_ratio(
         ratio = np.sqrt(min(seen, 1.0) * STEREO_RATIO)
         _equations(motion, model, data, assignment, sign, centre, ratio, unit, normal, right)
         damp(normal)
-        if not solve6(normal, right, step):
+        if not solve_positive(normal, right, step):
             return 1.0
         compose_small(motion, centre, step)
     return ratio

@@ -203,7 +203,7 @@ def _moves(sight: Sight, shape: Shape, pose: Pose, axis: Axis) -> FloatArray:
     """How far each point moves along its normal by a turn of the model about an axis, (n,) pixels a radian."""
     direction = pose.rotation @ axis.direction
     shift = np.cross(direction, pose.apply(shape.centre) - pose.apply(axis.point))
-    moves: FloatArray = sight.placed.slope @ np.concatenate([direction, shift])
+    moves: FloatArray = sight.placed.slope[:, :6] @ np.concatenate([direction, shift])
     return moves
 
 

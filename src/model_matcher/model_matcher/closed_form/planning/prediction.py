@@ -105,7 +105,7 @@ def _information(placed: Placed, weight: FloatArray, rig: PlannedRig) -> FloatAr
     What a line is off in each view, and in all of them, and what the image of every camera but the first is off as a
     whole, are unknowns with their sigmas, and eliminated in this order.
     """
-    columns, sigma = [placed.slope], rig.calibration_px
+    columns, sigma = [placed.slope[:, :6]], rig.calibration_px
     if sigma > 0.0:
         columns += [_of_camera(placed, eye, rig) for eye in range(1, int(placed.eye.max()) + 1)]
     rows = np.hstack(columns)
