@@ -160,3 +160,20 @@ def test_data_of_no_error_at_all_has_a_pose():
     exact = replace(model.transformed(truth), covariance=np.zeros((len(model), 6, 6)))
     best = match(model, exact, MatchParams(fracdev=0.01)).best
     assert best.pose.error_to(truth).rotation < 1e-7 and np.trace(best.covariance) < 1e-9
+
+
+def test_what_all_features_are_off_together_the_pose_is_off_as_well():
+    """A shift that all data has in common is one of the pose, however many features there are."""
+    rng = np.random.default_rng(8)
+    model = FeatureSet.from_edges(rng.uniform(-0.1, 0.1, (30, 3)), rng.uniform(-0.1, 0.1, (30, 3)))
+    index = index_model(model, 'frame')
+    pose = Pose.from_rotation_vector([0.3, -0.2, 0.5], [0.02, 0.01, 0.7])
+    alone = replace(model.transformed(pose), covariance=np.repeat(1e-8 * np.eye(6)[None], 30, axis=0))
+    shift = np.array([0.001, -0.002, 0.005])
+    together = alone.with_common(np.tile(shift, (30, 2)))
+    one, other = match(index, alone).best, match(index, together).best
+    assert one is not None and other is not None
+    assert one.pose.error_to(other.pose).translation < 1e-9
+    expected = one.covariance.copy()
+    expected[:3, :3] += np.outer(shift, shift)
+    np.testing.assert_allclose(other.covariance, expected, rtol=1e-3, atol=1e-11)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from ._checks import as_finite, as_shaped
 from .files import load_arrays
-from .numeric.covariances import as_covariances, known_covariances, pair_variances
+from .numeric.covariances import as_covariances, known_covariances, pair_variances, semidefinite
 from .numeric.typed import AnyArray, BoolArray, ByteArray, FloatArray
 from .numeric.vectors import farthest_axis
 from .pose import Pose
@@ -25,8 +26,8 @@ from .settings import BOUND_SIGMA
 
 # Start and sweep of a whole curve, radians.
 FULL_ARC = (0.0, 2.0 * np.pi)
-# Arrays of a FeatureSet, in the order of its arguments; a file may lack the last three.
-FIELDS = ('kind', 'start', 'end', 'radii', 'err_par', 'err_per', 'major_axis', 'arc', 'covariance')
+# Arrays of a FeatureSet, in the order of its arguments; a file may lack the last four.
+FIELDS = ('kind', 'start', 'end', 'radii', 'err_par', 'err_per', 'major_axis', 'arc', 'covariance', 'common')
 
 
 class FeatureKind(IntEnum):
@@ -73,6 +74,10 @@ class FeatureSet:
         Of both ends of an EDGE or AXIS, start's x, y, z and end's, square metres: how each end is off, and how the two
         are off together. Of a CURVE: of its centre and of the unit normal, end - start (which has no unit). NaN
         throughout where it is not known, and of a model.
+    common : (n, 6) float64, optional
+        How one sigma of an error that all features have in common moves both ends (of a CURVE: its centre and normal),
+        as a covariance has them; that of cameras that are not quite where they are said to be. Where there is a
+        covariance, it is part of it. 0 where there is none.
 
     Raises
     ------
@@ -102,6 +107,7 @@ class FeatureSet:
     major_axis: FloatArray = None  # type: ignore[assignment]
     arc: FloatArray = None  # type: ignore[assignment]
     covariance: FloatArray = None  # type: ignore[assignment]
+    common: FloatArray = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         kind = np.array(self.kind)
@@ -140,6 +146,10 @@ class FeatureSet:
             known = known_covariances(arrays['covariance'])
             bounds = _bounds(*(arrays[name][known] for name in ('kind', 'start', 'end', 'covariance')))
             arrays['err_par'][known], arrays['err_per'][known] = bounds
+        if self.common is None:
+            arrays['common'] = np.zeros((n, 6))
+        else:
+            arrays['common'] = as_finite('common', _rows(self.common, n, 6), (n, 6))
         self._hold(arrays)
 
     def _hold(self, arrays: dict[str, AnyArray]) -> None:
@@ -358,7 +368,7 @@ class FeatureSet:
         pose : Pose
             target_T_source; radii, uncertainties and covariances follow its scale.
         """
-        start = pose.apply(self.start)
+        start, turn = pose.apply(self.start), self._turn_of_ends(pose)
         curve = self.kind == FeatureKind.CURVE
         end = np.where(curve[:, None], start + pose.rotate(self.vectors), pose.apply(self.end))
         return FeatureSet(
@@ -370,16 +380,46 @@ class FeatureSet:
             self.err_per * pose.scale,
             pose.rotate(self.major_axis),
             self.arc,
-            self._turned_covariance(pose) if self.has_covariance.any() else None,  # type: ignore[arg-type]
+            turn @ self.covariance @ turn.swapaxes(1, 2) if self.has_covariance.any() else None,  # type: ignore[arg-type]
+            (turn @ self.common[:, :, None])[:, :, 0],
         )
 
-    def _turned_covariance(self, pose: Pose) -> FloatArray:
-        """(n, 6, 6) in the frame that a pose leads to; unit normals keep their length."""
+    def _turn_of_ends(self, pose: Pose) -> FloatArray:
+        """(n, 6, 6) that takes errors to the frame that a pose leads to; unit normals keep their length."""
         turn = np.zeros((len(self), 6, 6))
         turn[:, :3, :3] = pose.scale * pose.rotation
         of_end = np.where(self.kind == FeatureKind.CURVE, 1.0, pose.scale)
         turn[:, 3:, 3:] = of_end[:, None, None] * pose.rotation
-        return np.asarray(turn @ self.covariance @ turn.swapaxes(1, 2))
+        return turn
+
+    def with_common(self, common: ArrayLike) -> FeatureSet:
+        """The features with an error besides that they have in common.
+
+        Parameters
+        ----------
+        common : (n, 6) array_like of float64
+            See the class.
+        """
+        common = as_finite('common', common, (len(self), 6))
+        added = common[:, :, None] * common[:, None, :]
+        return replace(self, covariance=self.covariance + added, common=common)
+
+    @cached_property
+    def alone(self) -> FeatureSet:
+        """The features with what each is off by itself: without what they have in common."""
+        if not self.common.any():
+            return self
+        known = self.has_covariance
+        covariance = self.covariance - self.common[:, :, None] * self.common[:, None, :]
+        covariance[known] = semidefinite(covariance[known])
+        return replace(self, covariance=covariance, common=np.zeros_like(self.common))
+
+    @property
+    def moved_in_common(self) -> FeatureSet:
+        """The features, one sigma of what they have in common off."""
+        curve = (self.kind == FeatureKind.CURVE)[:, None]
+        by_start, by_end = self.common[:, :3], self.common[:, 3:]
+        return replace(self, start=self.start + by_start, end=self.end + by_end + np.where(curve, by_start, 0.0))
 
     def polyline(self, index: int, samples: int = 64) -> FloatArray:
         """One feature as points to draw.
@@ -434,6 +474,8 @@ class FeatureSet:
         fields: dict[str, Any] = {name: getattr(self, name) for name in FIELDS}
         if not self.has_covariance.any():
             del fields['covariance']
+        if not self.common.any():
+            del fields['common']
         with open(path, 'wb') as file:
             np.savez_compressed(file, **fields)
 

@@ -203,6 +203,21 @@ class TestFeatures:
         assert back == replace(features, covariance=None)
 
     @fast
+    @given(feature_sets(), st.integers(0, 2**32 - 1))
+    def test_what_features_have_in_common_travels_with_them(self, features, seed):
+        common = np.random.default_rng(seed).normal(size=(len(features), 6))
+        features = replace(features, common=common)
+        cloud = codecs.features_to_cloud(features)
+        names = [field.name for field in cloud.fields]
+        assert names[40:] == (
+            ['common_sx', 'common_sy', 'common_sz', 'common_ex', 'common_ey', 'common_ez'] if len(features) else []
+        )
+        assert codecs.cloud_to_features(cloud) == features
+        # Who knows none of it reads the rest.
+        cloud.fields = [field for field in cloud.fields if not field.name.startswith('common')]
+        assert codecs.cloud_to_features(cloud) == replace(features, common=None)
+
+    @fast
     @given(feature_sets(), st.binary(min_size=1, max_size=200), st.integers(0, 10_000))
     def test_what_is_written_over_a_cloud_is_one_clear_error_or_features(self, features, noise, at):
         cloud = codecs.features_to_cloud(features)

@@ -287,6 +287,37 @@ class TestFeatureSet:
 
     @fast
     @given(similarities)
+    def test_what_features_have_in_common_is_part_of_what_each_is_off(self, pose):
+        rng = np.random.default_rng(4)
+        f = example_features()
+        root = rng.normal(size=(len(f), 6, 6))
+        alone = replace(f, covariance=root @ root.swapaxes(1, 2))
+        common = rng.normal(size=(len(f), 6))
+        both = alone.with_common(common)
+        assert np.allclose(both.covariance - alone.covariance, common[:, :, None] * common[:, None, :])
+        assert (both.err_per >= alone.err_per).all() and alone.alone is alone
+        assert np.allclose(both.alone.covariance, alone.covariance)
+        assert not both.alone.common.any()
+        assert np.allclose(both.alone.err_per, alone.err_per)
+        # One sigma of it moves the features, in whatever frame they are.
+        moved = both.moved_in_common
+        assert np.allclose(moved.start - f.start, common[:, :3])
+        curve = f.kind == FeatureKind.CURVE
+        assert np.allclose((moved.end - f.end)[~curve], common[~curve, 3:])
+        assert np.allclose((moved.vectors - f.vectors)[curve], common[curve, 3:])
+        here, there = both.transformed(pose), moved.transformed(pose)
+        assert np.allclose(here.moved_in_common.start, there.start, atol=1e-9 * pose.scale)
+        assert np.allclose(here.moved_in_common.end, there.end, atol=1e-9 * pose.scale)
+
+    def test_an_error_in_common_of_another_shape_is_refused(self):
+        f = example_features()
+        with pytest.raises(ValueError, match=r'common: expected shape \(4, 6\)'):
+            replace(f, common=np.zeros((4, 3)))
+        with pytest.raises(ValueError, match='common'):
+            f.with_common(np.full((4, 6), np.nan))
+
+    @fast
+    @given(similarities)
     def test_transforming_there_and_back(self, pose):
         f = example_features()
         moved = f.transformed(pose)

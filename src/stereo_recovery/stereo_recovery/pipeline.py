@@ -17,6 +17,7 @@ from msgs_py.numeric.threads import together
 from msgs_py.numeric.typed import AnyArray, Float32Array
 
 from .cameras.pairs import CameraPair, camera_pair, main_pairs
+from .common_error import with_columns_off
 from .curves import fit_kernels
 from .curves.axes import axis_features
 from .curves.axis_constraint import off_axis_and_plane
@@ -319,6 +320,7 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     features = FeatureSet.concatenate(
         [_edge_features(parts, curves), curve_features(curves), axis_features(shapes.axes)]
     )
+    features = with_columns_off(features, rows.rms, rig)
     watch.stage('features')
     reason = '' if len(features) else 'no matched edge is long enough'
     pair_rows = PairRows(witnesses, rig, params.rectification_sigma)

@@ -16,6 +16,7 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.robust import NORMAL_QUARTILE
+from msgs_py.numeric.settings import DECISIVE
 from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..geometry.settings import NOT_ZERO, ROUNDING
@@ -205,7 +206,10 @@ def root_of_inverse(normal: FloatArray) -> FloatArray:
 
 @njit(nogil=True)
 def _of_images(equations: Equations, prior: Prior) -> float:
-    """The sigma of images that are off which makes what the equations say of them likeliest, whatever the pose is."""
+    """The sigma of images that are off which makes what the equations say of them likeliest, whatever the pose is.
+
+    Its square, times the chance that they are off at all.
+    """
     normal, right = equations
     if len(right) == 6:
         return 0.0
@@ -226,7 +230,9 @@ def _of_images(equations: Equations, prior: Prior) -> float:
             low = middle
         else:
             high = middle
-    return math.sqrt(low)
+    gain = 0.5 * (squares * low / (1.0 + low * values) - np.log(1.0 + low * values)).sum()
+    # Cameras are where they are said to be, unless this is decisively likelier.
+    return math.sqrt(low / (1.0 + math.exp(DECISIVE - gain)))
 
 
 @njit(nogil=True)

@@ -240,7 +240,8 @@ def data_tolerances(data: FeatureSet, rows: np.ndarray, size: float, params: Mat
     Parameters
     ----------
     data : FeatureSet
-        n features with their stated errors, metres.
+        n features with their stated errors, metres. What they have in common hardly tells where they are from each
+        other, and is left out.
     rows : (n, 9) float64
         Its :func:`feature_rows`.
     size : float
@@ -255,7 +256,7 @@ def data_tolerances(data: FeatureSet, rows: np.ndarray, size: float, params: Mat
         squares; along (metres): the same with the overhang; half cone angle (radians): thesis 5.4, with the errors at
         both ends, at most max_cone_deg (curve_cone_deg for curves).
     """
-    floor = params.fracdev * size
+    data, floor = data.alone, params.fracdev * size
     tolerances = np.empty((len(rows), 3))
     tolerances[:, 0] = np.hypot(data.err_per * params.err_scale, floor)
     half = rows[:, 6]

@@ -28,7 +28,7 @@ class Problem:
     index : ModelIndex
         The model.
     data : FeatureSet
-        The n usable features, camera frame, metres.
+        The n usable features, camera frame, metres; without the errors that they have in common.
     keep : (n,) int
         Their numbers among all.
     n_data : int
@@ -37,6 +37,8 @@ class Problem:
         The model as compiled functions take it.
     features : DataFeatures
         The n data features, likewise, with what they may be off.
+    moved : DataFeatures, optional
+        The same, one sigma of the error off that they have in common; None where they have none.
     """
 
     index: ModelIndex
@@ -45,6 +47,7 @@ class Problem:
     n_data: int
     model: ModelFeatures
     features: DataFeatures
+    moved: DataFeatures | None
 
     @cached_property
     def of_its_kinds(self) -> np.ndarray:
@@ -110,6 +113,7 @@ def usable(data: FeatureSet, unit: float | None = 1.0) -> np.ndarray:
     far = np.maximum(np.abs(data.start), np.abs(data.end)).max(axis=1, initial=0.0)
     if unit is None:
         unit = 1.0 / (float(np.median(far)) or 1.0) if len(far) else 1.0
+    data = data.alone
     far = np.maximum(far, np.maximum(data.err_par, data.err_per))
     measured = (data.kind == FeatureKind.EDGE) & np.isfinite(data.covariance[:, 0, 0])
     directed = ~measured | (data.err_per < MOST_ACROSS * data.lengths)
@@ -124,4 +128,5 @@ def make_problem(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Pr
     tolerances = data_tolerances(used, rows, index.size, params)
     widest = SEARCH_WIDTH * float(tolerances[:, 0].max(initial=0.0))
     features = DataFeatures(rows, used.kind, tolerances, params.curvedev * index.max_radius)
-    return Problem(index, used, keep, len(data), index.prepared(widest), features)
+    moved = features._replace(rows=feature_rows(used.moved_in_common)) if used.common.any() else None
+    return Problem(index, used.alone, keep, len(data), index.prepared(widest), features, moved)

@@ -11,12 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msgs_py import FeatureKind
+from msgs_py import FeatureKind, Pose
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int8Array, Int32Array
 
 from ..geometry.features import CURVE, DataFeatures, FeatureRows, ModelFeatures
 from ..geometry.least_squares import covariances as pose_covariances
+from ..geometry.pose_rows import as_pose
 from ..geometry.weighted_fit import weighted_fit
 from ..model.problem import Problem
 from ..model.settings import EXACT
@@ -96,11 +97,36 @@ def fitted_poses(
     by_sight : (c,) bool
         Whether data without covariances may be worse known along the line of sight from the origin, where its eye is.
     """
+    at = motions.copy()
+    fitted = _fitted(problem, problem.features, errors, motions, assignments, signs, by_sight)
+    if problem.moved is None:
+        return fitted
+    # An error that all data has in common moves the pose as a whole: as far as a fit to data that is one sigma off.
+    moved = _fitted(problem, problem.moved, errors, at, assignments, signs, by_sight)
+    return [_with_move(one, other) for one, other in zip(fitted, moved)]
+
+
+def _with_move(fitted: FittedPose, moved: FittedPose) -> FittedPose:
+    """A pose of which the other is one sigma of an error that is not in its covariance off."""
+    one, other = as_pose(fitted.motion), as_pose(moved.motion)
+    turn = Pose(other.rotation @ one.rotation.T, np.zeros(3)).rotation_vector
+    step = np.concatenate([other.translation - one.translation, turn])
+    return fitted._replace(covariance=fitted.covariance + np.outer(step, step))
+
+
+def _fitted(
+    problem: Problem,
+    data: DataFeatures,
+    errors: StatedErrors,
+    motions: FloatArray,
+    assignments: Int32Array,
+    signs: Int8Array,
+    by_sight: BoolArray,
+) -> list[FittedPose]:
+    """As :func:`fitted_poses`, of data (n,) that stands where it stands."""
     count = len(motions)
     normals, levers, factors, rms = np.empty((count, 6, 6)), np.empty((count, 3)), np.empty(count), np.empty(count)
-    _fit_all(
-        motions, assignments, signs, problem.model, problem.features, errors, by_sight, normals, levers, factors, rms
-    )
+    _fit_all(motions, assignments, signs, problem.model, data, errors, by_sight, normals, levers, factors, rms)
     covariances = pose_covariances(normals, factors, levers, problem.index.size)
     return [FittedPose(*one) for one in zip(motions, covariances, rms.tolist())]
 

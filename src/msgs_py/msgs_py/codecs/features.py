@@ -3,8 +3,8 @@
 Fields, in this order: x y z float32 (the feature's middle, for viewers), kind uint8, then float64 start_x..z, end_x..z,
 radius_major, radius_minor, err_par, err_per, major_x..z, arc_start, arc_sweep, and 21 fields cov_A_B, the upper
 triangle of the covariance of both ends: A and B are sx sy sz of start and ex ey ez of end; NaN where it is not known.
-Decoding goes by field name; major_*, arc_* and cov_* may be missing, floats may be 32 or 64 bit. The round trip is
-exact.
+Where features have an error in common, six more: common_A. Decoding goes by field name; major_*, arc_*, cov_* and
+common_* may be missing, floats may be 32 or 64 bit. The round trip is exact.
 """
 
 from __future__ import annotations
@@ -33,13 +33,15 @@ VECTORS = {
     'major_axis': ('major_x', 'major_y', 'major_z'),
     'arc': ('arc_start', 'arc_sweep'),
     'covariance': tuple(f'cov_{COORDINATES[a]}_{COORDINATES[b]}' for a, b in zip(*UPPER)),
+    'common': tuple(f'common_{name}' for name in COORDINATES),
 }
 # Arrays that a cloud may lack.
-OPTIONAL = ('major_axis', 'arc', 'covariance')
-ROW = np.dtype(
+OPTIONAL = ('major_axis', 'arc', 'covariance', 'common')
+ROW_WITH_COMMON = np.dtype(
     [('middle', '<f4', (3,)), ('kind', 'u1'), ('pad', 'V3')]
     + [(attribute, '<f8', (len(names),)) for attribute, names in VECTORS.items()]
 )
+ROW = np.dtype([(name, ROW_WITH_COMMON[name]) for name in ROW_WITH_COMMON.names or () if name != 'common'])
 
 # Kinds of clouds, as publishers make them, whose layout is remembered.
 LAYOUTS_KEPT = 16
@@ -78,10 +80,13 @@ def features_to_cloud(features: FeatureSet, header: Header | None = None) -> Poi
     >>> cloud_to_features(cloud)
     FeatureSet(1 EDGE, 0 CURVE, 0 AXIS)
     """
-    rows = np.zeros(len(features), ROW)
+    row = ROW_WITH_COMMON if features.common.any() else ROW
+    rows = np.zeros(len(features), row)
     rows['middle'] = features.midpoints
     rows['kind'] = features.kind
     for attribute, names in VECTORS.items():
+        if attribute not in (row.names or ()):
+            continue
         values = getattr(features, attribute)
         if attribute == 'covariance':
             values = upper_triangles(values)
@@ -91,10 +96,10 @@ def features_to_cloud(features: FeatureSet, header: Header | None = None) -> Poi
         cloud.header = header
     cloud.height, cloud.width = 1, len(features)
     cloud.is_bigendian = False
-    cloud.point_step = ROW.itemsize
-    cloud.row_step = ROW.itemsize * len(features)
+    cloud.point_step = row.itemsize
+    cloud.row_step = row.itemsize * len(features)
     cloud.is_dense = True
-    cloud.fields = _fields()
+    cloud.fields = _fields(row)
     cloud.data = array.array('B', rows.tobytes())
     return cloud
 
@@ -136,13 +141,15 @@ def cloud_to_features(cloud: PointCloud2) -> FeatureSet:
         raise CodecError(f'features.data: {error}') from None
 
 
-def _fields() -> list[PointField]:
-    """What the columns of ROW are called."""
-    assert ROW.fields is not None
+def _fields(row: np.dtype[Any]) -> list[PointField]:
+    """What the columns of rows are called."""
+    assert row.fields is not None
     names = {'middle': ('x', 'y', 'z'), 'kind': ('kind',), **VECTORS}
     made = []
     for part, columns in names.items():
-        dtype, start = ROW.fields[part][:2]
+        if part not in row.fields:
+            continue
+        dtype, start = row.fields[part][:2]
         for k, name in enumerate(columns):
             offset = start + k * dtype.base.itemsize
             made.append(PointField(name=name, offset=offset, datatype=_CODES[dtype.base.str[1:]], count=1))

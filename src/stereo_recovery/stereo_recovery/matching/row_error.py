@@ -54,6 +54,11 @@ class RowError:
     count: int
     axis: int = 1
 
+    @property
+    def rms(self) -> float:
+        """Pixels, root mean square over the image, of the error itself, single rows' not counted."""
+        return math.sqrt(self.offset**2 + float(self.turn @ self.turn) / 3.0)
+
     def at(self, points: FloatArray) -> FloatArray:
         """(...) float64, pixels: the error at points (..., 2) of the right image."""
         return np.asarray(self.offset + ((points - self.centre) / self.half) @ self.turn)
