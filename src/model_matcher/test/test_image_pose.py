@@ -11,6 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
+from scipy.stats import multivariate_normal
 
 from csg_renderer import Light, Scene, SolidOutline, load_models, model_features, render_stereo
 from csg_renderer.raycast.sensor import SensorModel
@@ -20,7 +21,15 @@ from model_matcher.image_pose.alignment import Equations, Placed, Prior
 from model_matcher.image_pose.finding import find_steps
 from model_matcher.image_pose.image_quality import look_of
 from model_matcher.image_pose.measurement import Laid, _likelier_tone, drawn_in, measure_pose, polished, presence
-from model_matcher.image_pose.model_error import FIRST_ERROR, ModelError, _of_images, fitted_model_error
+from model_matcher.image_pose.model_error import (
+    FIRST_ERROR,
+    ModelError,
+    _log_likelihood,
+    _of_images,
+    as_likely,
+    fitted_model_error,
+    sums_of_lines,
+)
 from model_matcher.image_pose.presence import Chance, behind_screens, bent, log_ratio
 from model_matcher.image_pose.profiles import FITTED, Quality, Stretches, fit_profiles, fit_steps, profiles_of
 from model_matcher.image_pose.settings import (
@@ -604,13 +613,54 @@ def test_the_likeliest_sigma_of_images_in_closed_form(told, u, v, further):
     right = np.concatenate([np.zeros(6), told * off])
     sigma = _of_images(Equations(normal, right), Prior(np.zeros((6, 6)), np.zeros(len(right))))
     likeliest = max((off**2).mean() - 1.0 / told, 0.0)
-    gain = (
-        0.5
-        * len(off)
-        * (told * (off**2).mean() * (1.0 - 1.0 / (1.0 + told * likeliest)) - math.log1p(told * likeliest))
-    )
+    spread = 1.0 + told * likeliest
+    gain = 0.5 * len(off) * (told * (off**2).mean() * (1.0 - 1.0 / spread) - math.log(spread))
     expected = math.sqrt(likeliest / (1.0 + math.exp(DECISIVE - gain)))
     assert sigma == pytest.approx(expected, rel=1e-3, abs=FARTHEST_STEP * 2.0 ** (-IMAGE_TURNS / 2) + 1e-12)
+
+
+def lines_off(curve, view, seed, curves=30, points=20):
+    """A fit's points on lines of two views, residuals with noise of 0.05 pixels, and weights."""
+    rng = np.random.default_rng(seed)
+    group = np.repeat(np.arange(2 * curves), points).astype(np.int32)
+    of = group % np.int32(curves)
+    abscissa = np.tile((2.0 * np.arange(points) + 1.0) / points - 1.0, 2 * curves)
+    offset, slope = (
+        rng.normal(scale=curve, size=(2, curves))[:, of] + rng.normal(scale=view, size=(2, 2 * curves))[:, group]
+    )
+    residual = offset + slope * abscissa + rng.normal(scale=0.05, size=len(group))
+    none = np.zeros((len(group), 2))
+    placed = Placed(
+        np.zeros((len(group), 3)), group // curves, none, none, group, of, abscissa, np.zeros((len(group), 6))
+    )
+    return placed, residual, np.full(len(group), 0.05**-2)
+
+
+@pytest.mark.parametrize(('curve', 'view'), [(0.0, 0.0), (0.1, 0.0), (0.0, 0.1), (0.1, 0.1)])
+def test_errors_that_there_are_stay_and_others_go(curve, view):
+    for seed in range(10):
+        believed = ModelError(max(curve, 0.004), max(view, 0.004), 0.0, 0.0)
+        likely = as_likely(*lines_off(curve, view, seed), believed)
+        for true, found in ((curve, likely.curve), (view, likely.view)):
+            assert found == pytest.approx(true, rel=0.1) if true else found < 0.004
+    log_likelihood = [_likelihood_of_lines(*lines_off(curve, view, 3), *sigmas) for sigmas in ((0.0, 0.0), (0.1, 0.05))]
+    placed, residual, weight = lines_off(curve, view, 3)
+    expected = []
+    for shared, own in ((0.0, 0.0), (0.1, 0.05)):
+        total = 0.0
+        for of in range(30):
+            rows = placed.curve == of
+            design = np.stack([np.ones(rows.sum()), placed.abscissa[rows]], axis=1)
+            in_view = (placed.eye[rows][:, None] == placed.eye[rows]) * own**2 + shared**2
+            spread = np.diag(1.0 / weight[rows]) + in_view * (design @ design.T)
+            total += multivariate_normal(cov=spread).logpdf(residual[rows])
+        expected.append(total)
+    assert log_likelihood[1] - log_likelihood[0] == pytest.approx(expected[1] - expected[0], rel=1e-6)
+
+
+def _likelihood_of_lines(placed, residual, weight, curve, view):
+    sums, of_curve = sums_of_lines(placed, residual, weight)
+    return _log_likelihood(sums, of_curve, curve, view)
 
 
 def test_one_camera_is_enough():

@@ -107,16 +107,18 @@ def settled(
     residual, weight, normal : (n,), (n,), (6, 6) float64
         See :func:`.alignment.align`.
     error : ModelError
+        The likeliest. What is stated has each times the chance that there is such an error, see :func:`as_likely`.
     """
     n = len(placed.eye)
     residual, weight, equations = np.empty(n), np.empty(n), no_equations(placed)
     widths, prior = np.zeros(TO_POSE), Prior(_where_drawn(placed, off), np.zeros(len(equations.right)))
-    for _ in range(rounds):
-        curve, view, point, image = error
+    likely = error
+    for turn in range(rounds + 1):
+        curve, view, point, image = likely if turn == rounds else error
         own = Steps(steps.offset, steps.number, steps.variance + point**2)
         common = Common(curve, view, image)
         align(motion, middle, cameras, placed, own, widths, density, common, prior, residual, weight, equations)
-        if (weight > 0.0).sum() < FEWEST_POINTS:
+        if turn == rounds or (weight > 0.0).sum() < FEWEST_POINTS:
             break
         error = fitted_model_error(placed, residual, weight, steps.variance, equations, prior, error)
         change, size = 0.0, 0.0
@@ -124,8 +126,10 @@ def settled(
             change += abs(one - other)
             size += other
         if change < SETTLED * size:
-            break
-    return residual, weight, of_pose(equations.normal, error.image), error
+            rounds = turn + 1
+        if turn + 1 == rounds:
+            likely = as_likely(placed, residual, weight, error)
+    return residual, weight, of_pose(equations.normal, likely.image), error
 
 
 @njit(nogil=True)
@@ -208,7 +212,7 @@ def root_of_inverse(normal: FloatArray) -> FloatArray:
 def _of_images(equations: Equations, prior: Prior) -> float:
     """The sigma of images that are off which makes what the equations say of them likeliest, whatever the pose is.
 
-    Its square, times the chance that they are off at all.
+    Its square, times the chance that they are off at all; beforehand they are not, unless that is decisively likelier.
     """
     normal, right = equations
     if len(right) == 6:
@@ -231,7 +235,6 @@ def _of_images(equations: Equations, prior: Prior) -> float:
         else:
             high = middle
     gain = 0.5 * (squares * low / (1.0 + low * values) - np.log(1.0 + low * values)).sum()
-    # Cameras are where they are said to be, unless this is decisively likelier.
     return math.sqrt(low / (1.0 + math.exp(DECISIVE - gain)))
 
 
@@ -293,6 +296,97 @@ def _sigmas(
             inner[n], noise[n] = residual[k] - off[0] - off[1] * placed.abscissa[k], variance[k]
             n += 1
     return common, view, _beyond(inner[:n], noise[:n])
+
+
+@njit(nogil=True)
+def as_likely(placed: Placed, residual: FloatArray, weight: FloatArray, error: ModelError) -> ModelError:
+    """Errors of a fit, those of curves times the chance that there are such errors at all.
+
+    What is estimated from noise is never less than nothing, and so too much where there is nothing. Beforehand there is
+    nothing, unless something is decisively likelier: curves being off, each in its own way in each view, or both.
+
+    Parameters
+    ----------
+    placed, residual, weight
+        As :func:`fitted_model_error`.
+    error : ModelError
+        The likeliest.
+
+    Returns
+    -------
+    ModelError
+    """
+    curve, view, point, image = error
+    sums, of_curve = sums_of_lines(placed, residual, weight)
+    either = math.hypot(curve, view)
+    chance = np.zeros(4)
+    chance[1] = _log_likelihood(sums, of_curve, either, 0.0) - DECISIVE
+    chance[2] = _log_likelihood(sums, of_curve, 0.0, either) - DECISIVE
+    chance[3] = _log_likelihood(sums, of_curve, curve, view) - 2.0 * DECISIVE
+    chance = np.exp(chance - chance.max())
+    chance /= chance.sum()
+    return ModelError(
+        math.sqrt(chance[1] * either**2 + chance[3] * curve**2),
+        math.sqrt(chance[2] * either**2 + chance[3] * view**2),
+        point,
+        image,
+    )
+
+
+@njit(nogil=True)
+def sums_of_lines(placed: Placed, residual: FloatArray, weight: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Sums (g, 2, 3) of the lines of curves in single views, and of which curve each is (g,); -1 where none counts.
+
+    Without derivatives, see :func:`.alignment.add_to_line`.
+    """
+    groups = placed.group.max() + 1
+    sums, of_curve, no_slopes = np.zeros((groups, 2, 3)), np.full(groups, -1), np.zeros(0)
+    for k in range(len(weight)):
+        if weight[k] > 0.0:
+            of_curve[placed.group[k]] = placed.curve[k]
+            add_to_line(sums[placed.group[k]], weight[k], placed.abscissa[k], no_slopes, residual[k])
+    return sums, of_curve
+
+
+@njit(nogil=True)
+def _log_likelihood(sums: FloatArray, of_curve: IntArray, curve: float, view: float) -> float:
+    """Nats, of the lines by which curves are off having these sigmas, against their being none, at the pose as it is.
+
+    sums : (g, 2, 3), see :func:`.alignment.add_to_line`; of_curve : (g,)
+    """
+    total = 0.0
+    whole = np.zeros((of_curve.max() + 1, 2, 3))
+    for g in range(len(sums)):
+        c = of_curve[g]
+        if c < 0:
+            continue
+        own = sums[g].copy()
+        if view > 0.0:
+            total += _without_line(own, view)
+        whole[c] += own
+    if curve > 0.0:
+        for c in range(len(whole)):
+            if whole[c, 0, 1] > 0.0:
+                total += _without_line(whole[c], curve)
+    return total
+
+
+@njit(nogil=True)
+def _without_line(sums: FloatArray, sigma: float) -> float:
+    """Take a line of sigma out of sums (2, 3), in place: the log of how much likelier it makes them."""
+    p, q, r = inverse_of_line(sums, sigma)
+    first, second = sums[0, 0], sums[1, 0]
+    gain: float = 0.5 * (p * first * first + 2.0 * q * first * second + r * second * second)
+    gain += 0.5 * math.log(max(p * r - q * q, NOT_ZERO**2)) - math.log(sigma * sigma)
+    taken = np.empty((2, 3))
+    for j in range(3):
+        taken[0, j] = p * sums[0, j] + q * sums[1, j]
+        taken[1, j] = q * sums[0, j] + r * sums[1, j]
+    a, b, c = sums[0, 1], sums[0, 2], sums[1, 2]
+    for j in range(3):
+        sums[0, j] -= a * taken[0, j] + b * taken[1, j]
+        sums[1, j] -= b * taken[0, j] + c * taken[1, j]
+    return gain
 
 
 @njit(nogil=True)
