@@ -17,7 +17,7 @@ from csg_renderer import Light, Scene, SolidOutline, load_models, model_features
 from csg_renderer.raycast.sensor import SensorModel
 from model_matcher import MatchParams, index_model, match
 from model_matcher.geometry.pose_rows import as_motion
-from model_matcher.image_pose.alignment import Equations, Placed, Prior
+from model_matcher.image_pose.alignment import Equations, Fit, Placed, Prior
 from model_matcher.image_pose.finding import find_steps
 from model_matcher.image_pose.image_quality import look_of
 from model_matcher.image_pose.measurement import Laid, _likelier_tone, drawn_in, measure_pose, polished, presence
@@ -320,7 +320,7 @@ def test_the_errors_of_curves_in_all_views_and_in_one_are_told_from_those_of_poi
     variance = np.full(len(group), 0.05**2)
     for _ in range(60):
         weight = 1.0 / (variance + error.point**2)
-        error = fitted_model_error(placed, residual, weight, variance, *known_pose(np.eye(6)), error)
+        error = fitted_model_error(placed, variance, fit_of(np.eye(6), residual, weight), error)
     assert error.curve == pytest.approx(0.3, rel=0.2)
     assert error.view == pytest.approx(0.15, rel=0.2)
     assert error.point == pytest.approx(0.1, rel=0.1)
@@ -336,7 +336,7 @@ def test_an_outline_that_is_nothing_off_is_found_to_be_so_at_once():
     residual = np.abs(rng.normal(scale=0.05, size=len(group))) * np.where(np.arange(len(group)) % 2, 1.0, -1.0)
     placed = Placed(np.zeros((len(group), 3)), 0 * group, none, none, group, group, abscissa, np.zeros((len(group), 6)))
     variance = np.full(len(group), 0.05**2)
-    error = fitted_model_error(placed, residual, 1.0 / variance, variance, *known_pose(np.eye(6)), FIRST_ERROR)
+    error = fitted_model_error(placed, variance, fit_of(np.eye(6), residual, 1.0 / variance), FIRST_ERROR)
     assert max(error.curve, error.view) < 2e-3  # a line is known to 0.05 / sqrt(30) = 9e-3
 
 
@@ -351,8 +351,8 @@ def test_no_curve_is_farther_off_than_steps_are_looked_for(seed, points, known):
     placed = Placed(np.zeros((n, 3)), group // 3, none, none, group, group % np.int32(3), abscissa, slope)
     residual = rng.uniform(-FARTHEST_STEP, FARTHEST_STEP, n)
     variance = np.full(n, 0.05**2)
-    about = known_pose(10.0**known * np.eye(6))
-    error = fitted_model_error(placed, residual, 1.0 / variance, variance, *about, FIRST_ERROR)
+    fit = fit_of(10.0**known * np.eye(6), residual, 1.0 / variance)
+    error = fitted_model_error(placed, variance, fit, FIRST_ERROR)
     assert 0.0 <= min(error) <= max(error.curve, error.view) < FARTHEST_STEP + 1e-9
     assert error.point <= FARTHEST_STEP / NORMAL_QUARTILE
 
@@ -529,9 +529,9 @@ def test_a_curve_has_one_number_in_all_views():
     assert len(set(curve.tolist())) == 3
 
 
-def known_pose(normal):
-    """Equations of a pose, and a prior, as fits have them: of which so much (6, 6) is known."""
-    return Equations(normal, np.zeros(6)), Prior(np.zeros((6, 6)), np.zeros(6))
+def fit_of(normal, residual, weight):
+    """A fit of a pose of which so much (6, 6) is known."""
+    return Fit(Prior(np.zeros((6, 6)), np.zeros(6)), residual, weight, Equations(normal, np.zeros(6)))
 
 
 def rendered(name, seed, noise=2.0, turn=None, antialias=2):
@@ -638,11 +638,14 @@ def lines_off(curve, view, seed, curves=30, points=20):
 
 @pytest.mark.parametrize(('curve', 'view'), [(0.0, 0.0), (0.1, 0.0), (0.0, 0.1), (0.1, 0.1)])
 def test_errors_that_there_are_stay_and_others_go(curve, view):
-    for seed in range(10):
-        believed = ModelError(max(curve, 0.004), max(view, 0.004), 0.0, 0.0)
-        likely = as_likely(*lines_off(curve, view, seed), believed)
-        for true, found in ((curve, likely.curve), (view, likely.view)):
-            assert found == pytest.approx(true, rel=0.1) if true else found < 0.004
+    # Noise moves a curve in a view by 0.05 / sqrt(20) = 0.011: that is what is estimated where there is less.
+    believed = ModelError(max(curve, 0.004), max(view, 0.004), 0.0, 0.0)
+    likely = [as_likely(*lines_off(curve, view, seed), believed) for seed in range(10)]
+    for true, found in ((curve, [one.curve for one in likely]), (view, [one.view for one in likely])):
+        if true:
+            assert found == pytest.approx([true] * len(found), rel=0.1)
+        else:
+            assert np.sqrt(np.mean(np.square(found))) < 0.75 * 0.004
     log_likelihood = [_likelihood_of_lines(*lines_off(curve, view, 3), *sigmas) for sigmas in ((0.0, 0.0), (0.1, 0.05))]
     placed, residual, weight = lines_off(curve, view, 3)
     expected = []

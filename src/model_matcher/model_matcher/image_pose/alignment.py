@@ -116,11 +116,32 @@ class Equations(NamedTuple):
     right: FloatArray
 
 
+class Fit(NamedTuple):
+    """What is known before a pose is laid on steps, and what is known then: filled in place.
+
+    Attributes
+    ----------
+    prior : Prior
+        Of the pose.
+    residual, weight : (n,) float64
+        What remains at each point (not a number without step) and what it counts: the chance that the step is the
+        point's, over its variance.
+    equations : Equations
+        At the pose that is found.
+    """
+
+    prior: Prior
+    residual: FloatArray
+    weight: FloatArray
+    equations: Equations
+
+
 @njit(nogil=True)
-def no_equations(placed: Placed) -> Equations:
-    """Equations to be filled."""
-    unknowns = placed.slope.shape[1]
-    return Equations(np.zeros((unknowns, unknowns)), np.zeros(unknowns))
+def new_fit(placed: Placed, information: FloatArray) -> Fit:
+    """A fit that is to be made, of a pose of which so much (6, 6) is known beforehand."""
+    n, unknowns = placed.slope.shape
+    equations = Equations(np.zeros((unknowns, unknowns)), np.zeros(unknowns))
+    return Fit(Prior(information, np.zeros(unknowns)), np.empty(n), np.empty(n), equations)
 
 
 @njit(nogil=True)
@@ -158,10 +179,7 @@ def align(
     widths: FloatArray,
     elsewhere: float,
     common: Common,
-    prior: Prior,
-    residual: FloatArray,
-    weight: FloatArray,
-    equations: Equations,
+    fit: Fit,
 ) -> None:
     """Lay a pose on steps, in place: each is that of the point, with normal errors, or lies anywhere.
 
@@ -185,14 +203,10 @@ def align(
     elsewhere : float
         A pixel: density of steps that are not the point's, over the chance that a point has its own.
     common : Common
-    prior : Prior
-        Of the pose.
-    residual, weight : (n,) float64
-        Filled with what remains (not a number without step) and what it counts: the chance that the step is the
-        point's, over its variance.
-    equations : Equations
-        Filled with those at the pose that is found.
+    fit : Fit
+        Filled in place; its prior moves with the pose.
     """
+    prior, residual, weight, equations = fit
     normal, right = equations
     unknowns = len(right)
     step, centre = np.zeros(unknowns), np.zeros(3)

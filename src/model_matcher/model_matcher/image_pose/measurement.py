@@ -24,7 +24,7 @@ from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
 from ..geometry.least_squares import covariances
 from ..geometry.pose_rows import as_motion, as_pose
-from .alignment import Common, Placed, Prior, Steps, align, moved_by, no_equations
+from .alignment import Common, Placed, Steps, align, moved_by, new_fit
 from .ends import ends_seen, log_ratio
 from .finding import Pictures, steps_about
 from .image_quality import look_of
@@ -386,22 +386,9 @@ def laid(
     prior: FloatArray = NO_PRIOR,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Lay a pose (12,) on steps, in place: residuals, weights (n,) and the normal matrix (6, 6); see :func:`.align`."""
-    residual, weight, equations = np.empty(len(sight)), np.empty(len(sight)), no_equations(sight.placed)
-    align(
-        motion,
-        shape.centre,
-        views.rows,
-        sight.placed,
-        steps,
-        widths,
-        density,
-        Common(0.0, 0.0, 0.0),
-        Prior(prior, np.zeros(len(equations.right))),
-        residual,
-        weight,
-        equations,
-    )
-    return residual, weight, of_pose(equations.normal, 0.0)
+    fit = new_fit(sight.placed, prior)
+    align(motion, shape.centre, views.rows, sight.placed, steps, widths, density, Common(0.0, 0.0, 0.0), fit)
+    return fit.residual, fit.weight, of_pose(fit.equations.normal, 0.0)
 
 
 def _nothing(motion: FloatArray, there: Presence) -> ImagePose:

@@ -23,16 +23,18 @@ from ..geometry.settings import NOT_ZERO, ROUNDING
 from .alignment import (
     Common,
     Equations,
+    Fit,
     Placed,
     Prior,
     Steps,
     add_to_line,
     align,
     inverse_of_line,
-    no_equations,
+    new_fit,
     with_prior,
 )
 from .settings import (
+    AS_DRAWN,
     FARTHEST_STEP,
     FEWEST_POINTS,
     FIRST_ERROR_PX,
@@ -109,27 +111,40 @@ def settled(
     error : ModelError
         The likeliest. What is stated has each times the chance that there is such an error, see :func:`as_likely`.
     """
-    n = len(placed.eye)
-    residual, weight, equations = np.empty(n), np.empty(n), no_equations(placed)
-    widths, prior = np.zeros(TO_POSE), Prior(_where_drawn(placed, off), np.zeros(len(equations.right)))
-    likely = error
-    for turn in range(rounds + 1):
-        curve, view, point, image = likely if turn == rounds else error
-        own = Steps(steps.offset, steps.number, steps.variance + point**2)
-        common = Common(curve, view, image)
-        align(motion, middle, cameras, placed, own, widths, density, common, prior, residual, weight, equations)
-        if turn == rounds or (weight > 0.0).sum() < FEWEST_POINTS:
-            break
-        error = fitted_model_error(placed, residual, weight, steps.variance, equations, prior, error)
+    fit = new_fit(placed, _where_drawn(placed, off))
+    _, residual, weight, equations = fit
+    for _ in range(rounds):
+        before = error
+        _lay(motion, middle, cameras, placed, steps, density, error, fit)
+        if (weight > 0.0).sum() < FEWEST_POINTS:
+            return residual, weight, of_pose(equations.normal, error.image), error
+        error = fitted_model_error(placed, steps.variance, fit, error)
         change, size = 0.0, 0.0
-        for one, other in zip(error, (curve, view, point, image)):
+        for one, other in zip(error, before):
             change += abs(one - other)
             size += other
         if change < SETTLED * size:
-            rounds = turn + 1
-        if turn + 1 == rounds:
-            likely = as_likely(placed, residual, weight, error)
+            break
+    likely = as_likely(placed, residual, weight, error)
+    _lay(motion, middle, cameras, placed, steps, density, likely, fit)
     return residual, weight, of_pose(equations.normal, likely.image), error
+
+
+@njit(nogil=True)
+def _lay(
+    motion: FloatArray,
+    middle: FloatArray,
+    cameras: FloatArray,
+    placed: Placed,
+    steps: Steps,
+    density: float,
+    error: ModelError,
+    fit: Fit,
+) -> None:
+    """Lay a pose on steps, in place, that are off by so much; see :func:`settled`."""
+    curve, view, point, image = error
+    own = Steps(steps.offset, steps.number, steps.variance + point**2)
+    align(motion, middle, cameras, placed, own, np.zeros(TO_POSE), density, Common(curve, view, image), fit)
 
 
 @njit(nogil=True)
@@ -157,31 +172,17 @@ def _where_drawn(placed: Placed, off: float) -> FloatArray:
 
 
 @njit(nogil=True)
-def fitted_model_error(
-    placed: Placed,
-    residual: FloatArray,
-    weight: FloatArray,
-    variance: FloatArray,
-    equations: Equations,
-    prior: Prior,
-    before: ModelError,
-) -> ModelError:
+def fitted_model_error(placed: Placed, variance: FloatArray, fit: Fit, before: ModelError) -> ModelError:
     """The sigmas by expectation-maximisation; that of images as what is left says is likeliest.
 
     Parameters
     ----------
     placed : Placed
         n points.
-    residual : (n,) float64
-        Pixels; of what counts nothing, it may be not a number.
-    weight : (n,) float64
-        What each counts.
     variance : (n,) float64
-        Square pixels, what noise makes of it.
-    equations : Equations
-        Of the fit: what the pose has taken of the lines is not known to be none.
-    prior : Prior
-        Of it, and how far it moved.
+        Square pixels, what noise makes of their steps.
+    fit : Fit
+        Of a pose to these. What the pose has taken of the lines is not known to be none.
     before : ModelError
         The estimate so far.
 
@@ -191,6 +192,7 @@ def fitted_model_error(
     """
     least = math.sqrt(NOT_ZERO)
     common, in_view, _, image = before
+    prior, residual, weight, equations = fit
     sigmas = max(common, least), max(in_view, least)
     root = root_of_inverse(with_prior(equations, prior, image)[0])
     root[6:] *= image
@@ -302,13 +304,15 @@ def _sigmas(
 def as_likely(placed: Placed, residual: FloatArray, weight: FloatArray, error: ModelError) -> ModelError:
     """Errors of a fit, those of curves times the chance that there are such errors at all.
 
-    What is estimated from noise is never less than nothing, and so too much where there is nothing. Beforehand there is
-    nothing, unless something is decisively likelier: curves being off, each in its own way in each view, or both.
+    What is estimated from noise is never less than nothing, and so too much where there is nothing. Curves are where
+    they are drawn, or off, or each in its own way in each view, or both: by their likelihood, and AS_DRAWN beforehand.
 
     Parameters
     ----------
-    placed, residual, weight
-        As :func:`fitted_model_error`.
+    placed : Placed
+        n points.
+    residual, weight : (n,) float64
+        See :class:`.alignment.Fit`.
     error : ModelError
         The likeliest.
 
@@ -320,9 +324,9 @@ def as_likely(placed: Placed, residual: FloatArray, weight: FloatArray, error: M
     sums, of_curve = sums_of_lines(placed, residual, weight)
     either = math.hypot(curve, view)
     chance = np.zeros(4)
-    chance[1] = _log_likelihood(sums, of_curve, either, 0.0) - DECISIVE
-    chance[2] = _log_likelihood(sums, of_curve, 0.0, either) - DECISIVE
-    chance[3] = _log_likelihood(sums, of_curve, curve, view) - 2.0 * DECISIVE
+    chance[1] = _log_likelihood(sums, of_curve, either, 0.0) - AS_DRAWN
+    chance[2] = _log_likelihood(sums, of_curve, 0.0, either) - AS_DRAWN
+    chance[3] = _log_likelihood(sums, of_curve, curve, view) - 2.0 * AS_DRAWN
     chance = np.exp(chance - chance.max())
     chance /= chance.sum()
     return ModelError(

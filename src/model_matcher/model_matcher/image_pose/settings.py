@@ -116,6 +116,9 @@ HIDDEN = (0.1, 0.3, 0.5, 0.7)
 SCREEN_DIRECTIONS = 12
 # Pixels, the outline's errors that are believed at first: large, so that no curve is left out before they are known.
 FIRST_ERROR_PX = 0.5
+# Nats beforehand for curves being where they are drawn, against their being off in all views, and as much again against
+# their being off in each: of 3 and 0 tried, with this covariances are truest (test/benchmarks/bench_covariances.py).
+AS_DRAWN = 1.5
 # Exponents of light by grey level that cameras have: none, and about that of sRGB (IEC 61966-2-1).
 TONES = (1.0, SRGB_EXPONENT)
 # Pixels to either side of the middle of a patch of surface; patches of a view, at most.
