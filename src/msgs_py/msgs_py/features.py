@@ -393,7 +393,7 @@ class FeatureSet:
         return turn
 
     def with_common(self, common: ArrayLike) -> FeatureSet:
-        """The features with an error besides that they have in common.
+        """The features with an error besides that they have in common, and had none before.
 
         Parameters
         ----------
