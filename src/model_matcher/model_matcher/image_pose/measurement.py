@@ -28,7 +28,7 @@ from .alignment import Common, Placed, Steps, align, moved_by, new_fit
 from .ends import ends_seen, log_ratio
 from .finding import Pictures, steps_about
 from .image_quality import look_of
-from .model_error import FIRST_ERROR, NO_ERROR, ModelError, of_pose, settled
+from .model_error import FIRST_ERROR, NO_ERROR, ModelError, of_pose, settled, told_error
 from .neighbours import may_hide, neighbours
 from .presence import bent, shown_outline
 from .profiles import FITTED, Quality, Stretches, fit_steps
@@ -247,7 +247,7 @@ def laid_on_steps(shape: Shape, motion: FloatArray, views: Views, sight: Sight, 
     # pose is laid anew once it is known by how little.
     about = shape.centre, views.rows, sight.placed, steps
     off = drawn_to(views)
-    error = settled(motion.copy(), *about, FIRST_ERROR, density, TO_ERROR, off)[-1]
+    error = told_error(motion.copy(), *about, FIRST_ERROR, density, TO_ERROR, off)
     motion = motion.copy()
     return Laid(motion, *settled(motion, *about, error, density, TO_ERROR, off))
 

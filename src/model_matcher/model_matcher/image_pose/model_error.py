@@ -112,12 +112,50 @@ def settled(
         The likeliest. What is stated has each times the chance that there is such an error, see :func:`as_likely`.
     """
     fit = new_fit(placed, _where_drawn(placed, off))
-    _, residual, weight, equations = fit
+    error, enough = _likeliest(motion, middle, cameras, placed, steps, density, error, rounds, fit)
+    stated = error
+    if enough:
+        stated = as_likely(placed, fit.residual, fit.weight, error)
+        _lay(motion, middle, cameras, placed, steps, density, stated, fit)
+    return fit.residual, fit.weight, of_pose(fit.equations.normal, stated.image), error
+
+
+@njit(nogil=True)
+def told_error(
+    motion: FloatArray,
+    middle: FloatArray,
+    cameras: FloatArray,
+    placed: Placed,
+    steps: Steps,
+    error: ModelError,
+    density: float,
+    rounds: int,
+    off: float,
+) -> ModelError:
+    """The outline's errors alone, see :func:`settled`; of the pose nothing is stated."""
+    fit = new_fit(placed, _where_drawn(placed, off))
+    error, _ = _likeliest(motion, middle, cameras, placed, steps, density, error, rounds, fit)
+    return error
+
+
+@njit(nogil=True)
+def _likeliest(
+    motion: FloatArray,
+    middle: FloatArray,
+    cameras: FloatArray,
+    placed: Placed,
+    steps: Steps,
+    density: float,
+    error: ModelError,
+    rounds: int,
+    fit: Fit,
+) -> tuple[ModelError, bool]:
+    """The likeliest errors, and whether enough points count; the pose and the fit in place, see :func:`settled`."""
     for _ in range(rounds):
         before = error
         _lay(motion, middle, cameras, placed, steps, density, error, fit)
-        if (weight > 0.0).sum() < FEWEST_POINTS:
-            return residual, weight, of_pose(equations.normal, error.image), error
+        if (fit.weight > 0.0).sum() < FEWEST_POINTS:
+            return error, False
         error = fitted_model_error(placed, steps.variance, fit, error)
         change, size = 0.0, 0.0
         for one, other in zip(error, before):
@@ -125,9 +163,7 @@ def settled(
             size += other
         if change < SETTLED * size:
             break
-    likely = as_likely(placed, residual, weight, error)
-    _lay(motion, middle, cameras, placed, steps, density, likely, fit)
-    return residual, weight, of_pose(equations.normal, likely.image), error
+    return error, True
 
 
 @njit(nogil=True)
