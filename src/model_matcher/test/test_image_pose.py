@@ -17,13 +17,12 @@ from csg_renderer import Light, Scene, SolidOutline, load_models, model_features
 from csg_renderer.raycast.sensor import SensorModel
 from model_matcher import MatchParams, index_model, match
 from model_matcher.geometry.pose_rows import as_motion
-from model_matcher.image_pose.alignment import Equations, Fit, Placed, Prior
+from model_matcher.image_pose.alignment import Equations, Fit, ModelError, Placed, Prior
 from model_matcher.image_pose.finding import find_steps
 from model_matcher.image_pose.image_quality import look_of
 from model_matcher.image_pose.measurement import Laid, _likelier_tone, drawn_in, measure_pose, polished, presence
 from model_matcher.image_pose.model_error import (
     FIRST_ERROR,
-    ModelError,
     _log_likelihood,
     _of_images,
     as_likely,
@@ -662,7 +661,7 @@ def test_errors_that_there_are_stay_and_others_go(curve, view):
 
 
 def _likelihood_of_lines(placed, residual, weight, curve, view):
-    sums, of_curve = sums_of_lines(placed, residual, weight)
+    sums, of_curve = sums_of_lines(placed, residual, weight, 0)
     return _log_likelihood(sums, of_curve, curve, view)
 
 

@@ -71,19 +71,25 @@ class Steps(NamedTuple):
         return self._replace(number=np.where(points, np.minimum(self.number, 0), self.number))
 
 
-class Common(NamedTuple):
-    """Sigmas, pixels, of what points are off together.
+class ModelError(NamedTuple):
+    """Sigmas, pixels, of what an outline is off besides noise; see :mod:`.model_error`.
 
     Attributes
     ----------
-    curve, view : float
-        Of either unknown of the line of a curve in all views, and of that in one view.
+    curve : float
+        Of the offset, and of the slope (over half the length), of a whole curve in all views.
+    view : float
+        Of those that it has in one view besides.
+    point : float
+        Of a point on its curve, beyond what its step is stated to be off.
     image : float
-        Of each unknown of the image of a camera but the first.
+        Of each of the unknowns of the whole image of a camera but the first, see :attr:`Placed.slope`. Of a
+        pair the rows tell it; its columns, in which an error is one of the depth, are taken to be off by as much.
     """
 
     curve: float
     view: float
+    point: float
     image: float
 
 
@@ -178,7 +184,7 @@ def align(
     steps: Steps,
     widths: FloatArray,
     elsewhere: float,
-    common: Common,
+    error: ModelError,
     fit: Fit,
 ) -> None:
     """Lay a pose on steps, in place: each is that of the point, with normal errors, or lies anywhere.
@@ -202,7 +208,7 @@ def align(
         Pixels, sigma that is added to that of the steps in each turn.
     elsewhere : float
         A pixel: density of steps that are not the point's, over the chance that a point has its own.
-    common : Common
+    error : ModelError
     fit : Fit
         Filled in place; its prior moves with the pose.
     """
@@ -211,7 +217,7 @@ def align(
     unknowns = len(right)
     step, centre = np.zeros(unknowns), np.zeros(3)
     moved = prior.moved
-    curve, view, image = common
+    curve, view, point, image = error
     n, with_lines = len(placed.eye), curve > 0.0 or view > 0.0
     of_group = np.empty((placed.group.max() + 1 if n else 0, 2, 3 + unknowns))
     of_curve = np.empty((placed.curve.max() + 1 if n else 0, 2, 3 + unknowns))
@@ -235,7 +241,7 @@ def align(
             known = min(6 + OF_IMAGE * placed.eye[k], unknowns)
             for i in range(6, known):
                 at += row[i] * moved[i]
-            variance = steps.variance[k] + width * width
+            variance = steps.variance[k] + point**2 + width * width
             spread = variance + curve**2 + view**2
             total, mean = 0.0, 0.0
             for j in range(steps.number[k]):
@@ -254,7 +260,7 @@ def align(
                 for j in range(i + 1):
                     normal[i, j] += weight[k] * row[i] * row[j]
         if with_lines:
-            _without_lines(normal, right, placed, of_group, of_curve, common)
+            _without_lines(normal, right, placed, of_group, of_curve, error)
         for i in range(unknowns):
             for j in range(i):
                 normal[j, i] = normal[i, j]
@@ -293,13 +299,13 @@ def with_prior(equations: Equations, prior: Prior, image: float) -> tuple[FloatA
 
 @njit(nogil=True)
 def _without_lines(
-    normal: FloatArray, right: FloatArray, placed: Placed, of_group: FloatArray, of_curve: FloatArray, common: Common
+    normal: FloatArray, right: FloatArray, placed: Placed, of_group: FloatArray, of_curve: FloatArray, error: ModelError
 ) -> None:
     """Take the lines by which curves are off out of normal equations of which the lower half is filled.
 
     of_group, of_curve : (g, 2, 3 + m) and (c, 2, 3 + m) zeros, see :func:`_eliminate`
     """
-    whole, in_view, _ = common
+    whole, in_view, _, _ = error
     for k in range(len(placed.eye)):
         if k == 0 or placed.group[k] != placed.group[k - 1]:
             _eliminate(normal, right, of_group[placed.group[k]], in_view)
@@ -316,18 +322,30 @@ def _eliminate(normal: FloatArray, right: FloatArray, sums: FloatArray, sigma: f
     """
     if sigma <= 0.0 or sums[0, 1] <= 0.0:
         return
-    p, q, r = inverse_of_line(sums, sigma)
-    wide = sums.shape[1]
-    given = np.empty((2, wide))
-    for i in range(wide):
-        given[0, i] = p * sums[0, i] + q * sums[1, i]
-        given[1, i] = q * sums[0, i] + r * sums[1, i]
-    for i in range(wide - 3):
+    given = line_of(sums, sigma)
+    for i in range(len(right)):
         right[i] -= given[0, 3 + i] * sums[0, 0] + given[1, 3 + i] * sums[1, 0]
         for j in range(i + 1):
             normal[i, j] -= given[0, 3 + i] * sums[0, 3 + j] + given[1, 3 + i] * sums[1, 3 + j]
+    take_line(sums, given)
+
+
+@njit(nogil=True)
+def line_of(sums: FloatArray, sigma: float) -> FloatArray:
+    """The line of sigma, offset and slope, that sums (2, 3 + m) make, and what it has of each of them: (2, 3 + m)."""
+    p, q, r = inverse_of_line(sums, sigma)
+    given = np.empty_like(sums)
+    for i in range(sums.shape[1]):
+        given[0, i] = p * sums[0, i] + q * sums[1, i]
+        given[1, i] = q * sums[0, i] + r * sums[1, i]
+    return given
+
+
+@njit(nogil=True)
+def take_line(sums: FloatArray, given: FloatArray) -> None:
+    """Take a line out of sums (2, 3 + m), in place; see :func:`line_of`."""
     a, b, c = sums[0, 1], sums[0, 2], sums[1, 2]
-    for i in range(wide):
+    for i in range(sums.shape[1]):
         sums[0, i] -= a * given[0, i] + b * given[1, i]
         sums[1, i] -= b * given[0, i] + c * given[1, i]
 

@@ -24,11 +24,11 @@ from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
 from ..geometry.least_squares import covariances
 from ..geometry.pose_rows import as_motion, as_pose
-from .alignment import Common, Placed, Steps, align, moved_by, new_fit
+from .alignment import ModelError, Placed, Steps, align, moved_by, new_fit
 from .ends import ends_seen, log_ratio
 from .finding import Pictures, steps_about
 from .image_quality import look_of
-from .model_error import FIRST_ERROR, NO_ERROR, ModelError, of_pose, settled, told_error
+from .model_error import FIRST_ERROR, NO_ERROR, likeliest, of_pose, settled
 from .neighbours import may_hide, neighbours
 from .presence import bent, shown_outline
 from .profiles import FITTED, Quality, Stretches, fit_steps
@@ -247,7 +247,7 @@ def laid_on_steps(shape: Shape, motion: FloatArray, views: Views, sight: Sight, 
     # pose is laid anew once it is known by how little.
     about = shape.centre, views.rows, sight.placed, steps
     off = drawn_to(views)
-    error = told_error(motion.copy(), *about, FIRST_ERROR, density, TO_ERROR, off)
+    error = likeliest(motion.copy(), *about, FIRST_ERROR, density, TO_ERROR, off)[0]
     motion = motion.copy()
     return Laid(motion, *settled(motion, *about, error, density, TO_ERROR, off))
 
@@ -387,7 +387,7 @@ def laid(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Lay a pose (12,) on steps, in place: residuals, weights (n,) and the normal matrix (6, 6); see :func:`.align`."""
     fit = new_fit(sight.placed, prior)
-    align(motion, shape.centre, views.rows, sight.placed, steps, widths, density, Common(0.0, 0.0, 0.0), fit)
+    align(motion, shape.centre, views.rows, sight.placed, steps, widths, density, NO_ERROR, fit)
     return fit.residual, fit.weight, of_pose(fit.equations.normal, 0.0)
 
 

@@ -21,16 +21,18 @@ from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..geometry.settings import NOT_ZERO, ROUNDING
 from .alignment import (
-    Common,
     Equations,
     Fit,
+    ModelError,
     Placed,
     Prior,
     Steps,
     add_to_line,
     align,
     inverse_of_line,
+    line_of,
     new_fit,
+    take_line,
     with_prior,
 )
 from .settings import (
@@ -45,29 +47,6 @@ from .settings import (
     SIGMA_TURNS,
     TO_POSE,
 )
-
-
-class ModelError(NamedTuple):
-    """Sigmas, pixels.
-
-    Attributes
-    ----------
-    curve : float
-        Of the offset, and of the slope (over half the length), of a whole curve in all views.
-    view : float
-        Of those that it has in one view besides.
-    point : float
-        Of a point on its curve, beyond what its step is stated to be off.
-    image : float
-        Of each of the unknowns of the whole image of a camera but the first, see :attr:`.alignment.Placed.slope`. Of a
-        pair the rows tell it; its columns, in which an error is one of the depth, are taken to be off by as much.
-    """
-
-    curve: float
-    view: float
-    point: float
-    image: float
-
 
 NO_ERROR = ModelError(0.0, 0.0, 0.0, 0.0)
 # What is believed at first.
@@ -111,17 +90,16 @@ def settled(
     error : ModelError
         The likeliest. What is stated has each times the chance that there is such an error, see :func:`as_likely`.
     """
-    fit = new_fit(placed, _where_drawn(placed, off))
-    error, enough = _likeliest(motion, middle, cameras, placed, steps, density, error, rounds, fit)
+    error, enough, fit = likeliest(motion, middle, cameras, placed, steps, error, density, rounds, off)
     stated = error
     if enough:
         stated = as_likely(placed, fit.residual, fit.weight, error)
-        _lay(motion, middle, cameras, placed, steps, density, stated, fit)
+        align(motion, middle, cameras, placed, steps, np.zeros(TO_POSE), density, stated, fit)
     return fit.residual, fit.weight, of_pose(fit.equations.normal, stated.image), error
 
 
 @njit(nogil=True)
-def told_error(
+def likeliest(
     motion: FloatArray,
     middle: FloatArray,
     cameras: FloatArray,
@@ -131,31 +109,14 @@ def told_error(
     density: float,
     rounds: int,
     off: float,
-) -> ModelError:
-    """The outline's errors alone, see :func:`settled`; of the pose nothing is stated."""
-    fit = new_fit(placed, _where_drawn(placed, off))
-    error, _ = _likeliest(motion, middle, cameras, placed, steps, density, error, rounds, fit)
-    return error
-
-
-@njit(nogil=True)
-def _likeliest(
-    motion: FloatArray,
-    middle: FloatArray,
-    cameras: FloatArray,
-    placed: Placed,
-    steps: Steps,
-    density: float,
-    error: ModelError,
-    rounds: int,
-    fit: Fit,
-) -> tuple[ModelError, bool]:
-    """The likeliest errors, and whether enough points count; the pose and the fit in place, see :func:`settled`."""
+) -> tuple[ModelError, bool, Fit]:
+    """The outline's likeliest errors, whether enough points count, and the fit with them; as :func:`settled`."""
+    fit, widths = new_fit(placed, _where_drawn(placed, off)), np.zeros(TO_POSE)
     for _ in range(rounds):
         before = error
-        _lay(motion, middle, cameras, placed, steps, density, error, fit)
+        align(motion, middle, cameras, placed, steps, widths, density, error, fit)
         if (fit.weight > 0.0).sum() < FEWEST_POINTS:
-            return error, False
+            return error, False, fit
         error = fitted_model_error(placed, steps.variance, fit, error)
         change, size = 0.0, 0.0
         for one, other in zip(error, before):
@@ -163,24 +124,7 @@ def _likeliest(
             size += other
         if change < SETTLED * size:
             break
-    return error, True
-
-
-@njit(nogil=True)
-def _lay(
-    motion: FloatArray,
-    middle: FloatArray,
-    cameras: FloatArray,
-    placed: Placed,
-    steps: Steps,
-    density: float,
-    error: ModelError,
-    fit: Fit,
-) -> None:
-    """Lay a pose on steps, in place, that are off by so much; see :func:`settled`."""
-    curve, view, point, image = error
-    own = Steps(steps.offset, steps.number, steps.variance + point**2)
-    align(motion, middle, cameras, placed, own, np.zeros(TO_POSE), density, Common(curve, view, image), fit)
+    return error, True, fit
 
 
 @njit(nogil=True)
@@ -291,13 +235,9 @@ def _sigmas(
     """
     group, curve = placed.group, placed.curve
     # Of each curve in a view.
-    groups, unknowns = group.max() + 1, len(root)
-    sums, of_curve = np.zeros((groups, 2, 3 + unknowns)), np.full(groups, -1)
-    for k in range(len(curve)):
-        if not weight[k] > 0.0:
-            continue
-        of_curve[group[k]] = curve[k]
-        add_to_line(sums[group[k]], weight[k], placed.abscissa[k], placed.slope[k], residual[k])
+    unknowns = len(root)
+    sums, of_curve = sums_of_lines(placed, residual, weight, unknowns)
+    groups = len(sums)
     # Derivatives by independent unknowns of variance 1 instead of those of the fit: what depends on them has the
     # variance of its squared derivatives.
     own = np.empty(unknowns)
@@ -357,7 +297,7 @@ def as_likely(placed: Placed, residual: FloatArray, weight: FloatArray, error: M
     ModelError
     """
     curve, view, point, image = error
-    sums, of_curve = sums_of_lines(placed, residual, weight)
+    sums, of_curve = sums_of_lines(placed, residual, weight, 0)
     either = math.hypot(curve, view)
     chance = np.zeros(4)
     chance[1] = _log_likelihood(sums, of_curve, either, 0.0) - AS_DRAWN
@@ -374,17 +314,20 @@ def as_likely(placed: Placed, residual: FloatArray, weight: FloatArray, error: M
 
 
 @njit(nogil=True)
-def sums_of_lines(placed: Placed, residual: FloatArray, weight: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Sums (g, 2, 3) of the lines of curves in single views, and of which curve each is (g,); -1 where none counts.
+def sums_of_lines(
+    placed: Placed, residual: FloatArray, weight: FloatArray, unknowns: int
+) -> tuple[FloatArray, IntArray]:
+    """Sums (g, 2, 3 + m) of the lines of curves in single views, and of which curve each is (g,); -1: none counts.
 
-    Without derivatives, see :func:`.alignment.add_to_line`.
+    unknowns : whose derivatives are wanted, m, see :func:`.alignment.add_to_line`
     """
     groups = placed.group.max() + 1
-    sums, of_curve, no_slopes = np.zeros((groups, 2, 3)), np.full(groups, -1), np.zeros(0)
+    sums, of_curve = np.zeros((groups, 2, 3 + unknowns)), np.full(groups, -1)
     for k in range(len(weight)):
         if weight[k] > 0.0:
-            of_curve[placed.group[k]] = placed.curve[k]
-            add_to_line(sums[placed.group[k]], weight[k], placed.abscissa[k], no_slopes, residual[k])
+            g = placed.group[k]
+            of_curve[g] = placed.curve[k]
+            add_to_line(sums[g], weight[k], placed.abscissa[k], placed.slope[k, :unknowns], residual[k])
     return sums, of_curve
 
 
@@ -415,17 +358,10 @@ def _log_likelihood(sums: FloatArray, of_curve: IntArray, curve: float, view: fl
 def _without_line(sums: FloatArray, sigma: float) -> float:
     """Take a line of sigma out of sums (2, 3), in place: the log of how much likelier it makes them."""
     p, q, r = inverse_of_line(sums, sigma)
-    first, second = sums[0, 0], sums[1, 0]
-    gain: float = 0.5 * (p * first * first + 2.0 * q * first * second + r * second * second)
+    given = line_of(sums, sigma)
+    gain: float = 0.5 * (given[0, 0] * sums[0, 0] + given[1, 0] * sums[1, 0])
     gain += 0.5 * math.log(max(p * r - q * q, NOT_ZERO**2)) - math.log(sigma * sigma)
-    taken = np.empty((2, 3))
-    for j in range(3):
-        taken[0, j] = p * sums[0, j] + q * sums[1, j]
-        taken[1, j] = q * sums[0, j] + r * sums[1, j]
-    a, b, c = sums[0, 1], sums[0, 2], sums[1, 2]
-    for j in range(3):
-        sums[0, j] -= a * taken[0, j] + b * taken[1, j]
-        sums[1, j] -= b * taken[0, j] + c * taken[1, j]
+    take_line(sums, given)
     return gain
 
 

@@ -122,11 +122,13 @@ def usable(data: FeatureSet, unit: float | None = 1.0) -> np.ndarray:
 
 def make_problem(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Problem:
     """Prepare data for a model; of it, what is :func:`usable`."""
-    keep = usable(data)
-    used = data if len(keep) == len(data) else data.select(keep)
+    keep, alone = usable(data), data.alone
+    used = alone if len(keep) == len(data) else alone.select(keep)
     rows = feature_rows(used)
     tolerances = data_tolerances(used, rows, index.size, params)
     widest = SEARCH_WIDTH * float(tolerances[:, 0].max(initial=0.0))
     features = DataFeatures(rows, used.kind, tolerances, params.curvedev * index.max_radius)
-    moved = features._replace(rows=feature_rows(used.moved_in_common)) if used.common.any() else None
-    return Problem(index, used.alone, keep, len(data), index.prepared(widest), features, moved)
+    moved = None
+    if data.common.any():
+        moved = features._replace(rows=feature_rows(data.select(keep).moved_in_common))
+    return Problem(index, used, keep, len(data), index.prepared(widest), features, moved)

@@ -11,9 +11,9 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 
 from ..geometry.least_squares import covariances
 from ..geometry.settings import UNIFORM_VARIANCE
-from ..image_pose.alignment import Steps
+from ..image_pose.alignment import ModelError, Steps
 from ..image_pose.measurement import Presence, drawn_to, elsewhere, fitted, laid, own_steps, searched, still_shown
-from ..image_pose.model_error import ModelError, settled
+from ..image_pose.model_error import settled
 from ..image_pose.settings import DRAWN_IN, FARTHEST_STEP, FEWEST_POINTS, FLANK, ON_EDGE, REACH, SPACING, TO_POSE
 from ..image_pose.sight import Outline, Shape, drawn
 from ..image_pose.views import Views
