@@ -34,6 +34,11 @@ def seen(lines: list, shown_right: list | None = None) -> tuple[StereoSegments, 
     return StereoSegments.of(matches, (left, right)), x
 
 
+def roughly(x: np.ndarray, sigma: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
+    """Unknowns with a covariance: disparity to a sigma, its slope to a hundredth of that."""
+    return x, np.tile(np.diag([sigma, 0.01 * sigma]) ** 2, (len(x), 1, 1))
+
+
 def residuals(factors: Factors, x: np.ndarray) -> np.ndarray:
     """What true unknowns leave of each statement."""
     other = np.where(factors.other[:, None] >= 0, factors.other_row * x[factors.other], 0.0)
@@ -45,7 +50,7 @@ CORNER = (100.0, 100.0, 40.0)
 
 def test_two_edges_that_meet_in_both_images_have_one_disparity_there():
     pair, x = seen([(CORNER, (180.0, 104.0, 44.0)), (CORNER, (95.0, 170.0, 43.0))])
-    factors = junction_factors(pair, x)
+    factors = junction_factors(pair, roughly(x))
     assert factors.prior.tolist() == [JUNCTION_PRIOR]
     assert {int(factors.edge[0]), int(factors.other[0])} == {0, 1}
     assert residuals(factors, x) == pytest.approx(0.0, abs=1e-6)
@@ -55,15 +60,30 @@ def test_how_likely_a_junction_is_one_follows_from_what_the_other_image_shows_th
     across, down = (CORNER, (180.0, 104.0, 44.0)), (CORNER, (95.0, 170.0, 43.0))
     far = ((95.0, 130.0, 41.0), (91.0, 190.0, 44.0))
     pair, x = seen([across, down], [across, far])
-    assert junction_factors(pair, x).prior.tolist() == [SEEN_AS_ONE]
+    assert junction_factors(pair, roughly(x)).prior.tolist() == [SEEN_AS_ONE]
     # In the right image the first edge ends at another one.
     third = ((60.0, 80.0, 0.0), (62.0, 130.0, 0.0))
     pair, x = seen([across, down, ((300.0, 80.0, 240.0), (302.0, 130.0, 240.0))], [across, far, third])
-    assert DOUBTFUL_PRIOR in junction_factors(pair, x).prior or T_PRIOR in junction_factors(pair, x).prior
+    assert (
+        DOUBTFUL_PRIOR in junction_factors(pair, roughly(x)).prior
+        or T_PRIOR in junction_factors(pair, roughly(x)).prior
+    )
     # The other one goes on: it may hide the first.
     through = ((100.0, 60.0, 40.0), (100.0, 140.0, 40.0))
     pair, x = seen([across, through])
-    assert set(junction_factors(pair, x).prior.tolist()) == {T_PRIOR}
+    assert set(junction_factors(pair, roughly(x)).prior.tolist()) == {T_PRIOR}
+
+
+def test_where_the_right_image_alone_shows_a_corner_the_better_known_edge_tells_where_the_left_one_has_it():
+    """The other one may slope as it will: it is asked where the corner is, and not where its slope puts it."""
+    across, down = ((100.0, 100.0, 60.0), (180.0, 102.0, 64.0)), ((100.0, 100.0, 60.0), (95.0, 170.0, 63.0))
+    # The left chains end before the corner.
+    pair, x = seen([((108.0, 100.2, 60.4), across[1]), ((99.3, 110.0, 60.43), down[1])], [across, down])
+    off = x + [[8.0, 0.3], [0.0, 0.0]]
+    covariance = roughly(x)[1] * np.array([10000.0, 1.0])[:, None, None]
+    factors = junction_factors(pair, (off, covariance))
+    assert len(factors) == 1
+    assert residuals(factors, x) == pytest.approx(0.0, abs=0.02)
 
 
 def test_the_ends_of_a_level_edge_give_its_disparity_unless_its_neighbours_do():
@@ -93,7 +113,7 @@ def test_lines_that_cross_beyond_their_chains_in_both_images_meet_there():
     assert np.abs(residuals(factors, x)).max() < 0.05
     # Those that meet in an image are told to meet there.
     pair, x = seen([(CORNER, (180.0, 104.0, 44.0)), (CORNER, (95.0, 170.0, 43.0))], [across, down])
-    assert len(junction_factors(pair, x)) == 1
+    assert len(junction_factors(pair, roughly(x))) == 1
     assert len(rounded_corner_factors(pair)) == 0
     # Too far from the crossing of the lines that is no corner.
     pair, x = seen([((150.0, 102.5, 42.5), (180.0, 104.0, 44.0)), down])

@@ -17,6 +17,7 @@ from ..estimation.estimate import (
     by_factors,
     end_sigma,
     estimate,
+    heavy_sigma,
     told_prior,
     without_accidents,
     without_itself,
@@ -66,13 +67,8 @@ class Beside:
 
 
 def _as_they_meet(factors: Factors, found: Estimate) -> Factors:
-    """Statements that edges meet, with the sigma that each shows: most corners are sharp, some are rounded.
-
-    The residual of a corner has a heavy tail, Student's with one degree of freedom; this is its weight.
-    """
-    off, variance = without_itself(found.factors, found.solution, found.used)
-    excess = np.clip(off**2 - variance, 0.0, MOST_CORNER_SIGMA**2)[: len(factors)]
-    heavy = np.sqrt(0.5 * (factors.sigma**2 + np.maximum(excess, factors.sigma**2)))
+    """Statements that edges meet, with the sigma that each shows: most corners are sharp, some are rounded."""
+    heavy = heavy_sigma(factors, found, MOST_CORNER_SIGMA)
     return replace(factors, sigma=np.where(factors.other >= 0, heavy, factors.sigma))
 
 
@@ -116,12 +112,12 @@ def solved(seen: StereoSegments, beside: Beside) -> Estimate:
     # Only what the right image shows of junctions depends on the unknowns.
     fixed = [make(seen) for make in (rounded_corner_factors, collinear_factors, end_factors)]
     fixed += _texture(seen, known, (lines.x, lines.covariance), beside.strips)
-    factors = Factors.concatenate([junction_factors(seen, x), *fixed])
+    factors = Factors.concatenate([junction_factors(seen, (x, lines.covariance)), *fixed])
     found = estimate(lines, factors, np.zeros(len(factors), bool))
     for _ in range(GROUP_ROUNDS):
         if beside.late():
             break
-        own = _as_they_meet(Factors.concatenate([junction_factors(seen, found.x), *fixed]), found)
+        own = _as_they_meet(Factors.concatenate([junction_factors(seen, (found.x, found.covariance)), *fixed]), found)
         alone = by_factors(lines, own, found.used[: len(own)], found)
         so_far = found.x, found.covariance
         parallel = parallel_factors(seen.segments[0], seen.matches.left, so_far, alone, beside.curves, beside.rig)

@@ -29,6 +29,7 @@ from .factors import Factors
 from .normal_equations import NormalEquations
 from .settings import (
     ACCIDENT,
+    HEAVY_SCALES,
     LEAST_OPEN,
     LEAST_REST,
     MATCH_SIGMA,
@@ -149,10 +150,9 @@ def _statements(factors: Factors, count: int) -> Statements:
     return Statements(first, factor[order], mirrored[order], *arrays)
 
 
-def _start(equations: NormalEquations, lines: OwnLines, used: BoolArray) -> BoolArray:
+def _start(equations: NormalEquations, statements: Statements, lines: OwnLines, used: BoolArray) -> BoolArray:
     """(k,) bool: ``used``, and of edges that are open with those the statements of their likeliest depths."""
     used = used.copy()
-    statements = _statements(equations.factors, len(lines.extent))
     own = lines.information, lines.x, lines.covariance
 
     def asked(part: tuple[int, int]) -> bool:
@@ -166,6 +166,24 @@ def _start(equations: NormalEquations, lines: OwnLines, used: BoolArray) -> Bool
         if not any(spread(asked, parts_of(len(open_edges), LEAST_OPEN))):
             break
     return used
+
+
+def _decided(equations: NormalEquations, lines: OwnLines, used: BoolArray) -> tuple[BoolArray, Solution, FloatArray]:
+    """Which factors hold, (k,) bool, from those taken to do so; the solution; and the probability of each.
+
+    One decision after another stops where none of them alone is better, though several together might be. Where edges
+    are that their own lines leave open is therefore asked once more, when all say it that know it by then.
+    """
+    statements = _statements(equations.factors, len(lines.extent))
+    used, solution, holds = equations.decided(_start(equations, statements, lines, used))
+    open_edges = np.flatnonzero(end_sigma(lines.covariance, lines).max(axis=1) >= OPEN_SIGMA)
+    everyone = np.ones(len(lines.extent), bool)
+    for _ in range(START_ROUNDS):
+        so_far, own = (solution.x, solution.covariance), (lines.information, lines.x, lines.covariance)
+        if not likeliest(statements, open_edges, everyone, so_far, own, used):
+            break
+        used, solution, holds = equations.decided(used)
+    return used, solution, holds
 
 
 def end_sigma(covariance: AnyArray, lines: OwnLines) -> FloatArray:
@@ -209,8 +227,7 @@ def estimate(
         See :class:`.normal_equations.NormalEquations`.
     """
     equations = NormalEquations(lines.information, lines.vector, factors, place)
-    used = _start(equations, lines, used)
-    used, solution, holds = equations.decided(used)
+    used, solution, holds = _decided(equations, lines, used)
     misses = misfit(factors, solution, used)
     return Estimate(lines, factors, solution, used, holds, misses, unit_variance(misses[:telling]), equations.place)
 
@@ -229,6 +246,35 @@ def misfit(factors: Factors, solution: Solution, used: BoolArray) -> FloatArray:
     off, variance = without_itself(factors, solution, used)
     told = used & (1.0 - solution.variance / factors.sigma**2 > 0.05)
     return np.where(told, np.abs(off) / np.sqrt(variance + factors.sigma**2), np.nan)
+
+
+def heavy_sigma(factors: Factors, found: Estimate, most: float) -> FloatArray:
+    """(k,) sigmas of statements whose misses have a heavy tail, Student's with one degree of freedom.
+
+    Parameters
+    ----------
+    factors : Factors
+        k statements, the first ones of the estimate.
+    found : Estimate
+    most : float
+        Pixels, the largest sigma that any has.
+
+    Returns
+    -------
+    (k,) float64
+        Pixels. What all others know of a statement leaves its miss open as well; its sigma is the one of which the
+        statement's share of the residual is what is expected of it.
+    """
+    off, variance = (each[: len(factors), None] for each in without_itself(found.factors, found.solution, found.used))
+    stated = factors.sigma[:, None]
+    # Student's density is made of normal ones of all scales; below a third of the stated one there are next to none.
+    scale = stated * np.geomspace(np.full(len(factors), 1.0 / 3.0), most / factors.sigma, HEAVY_SCALES, axis=1)
+    total = variance + scale**2
+    nats = -np.log(scale * np.sqrt(total)) - 0.5 * (stated / scale) ** 2 - 0.5 * off**2 / total
+    chance = np.exp(nats - nats.max(axis=1, keepdims=True))
+    of_others = (chance * variance / total).sum(axis=1) / chance.sum(axis=1)
+    heavy = np.sqrt(variance[:, 0] * (1.0 - of_others) / np.maximum(of_others, SMALLEST))
+    return np.asarray(np.clip(heavy, factors.sigma, most))
 
 
 def told_prior(factors: Factors, known: BoolArray, x: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -124,20 +124,32 @@ def _left_row(seen: StereoSegments, edge: IntArray, point: FloatArray) -> FloatA
     return np.stack([np.ones(len(edge)), s], axis=1)
 
 
-def _disparity_row(seen: StereoSegments, edge: IntArray, image: int, point: FloatArray, x: FloatArray) -> FloatArray:
-    """The same at points of either image; x : (n, 2) the edges' unknowns, roughly, for the right one."""
+def _disparities(
+    seen: StereoSegments, edge: IntArray, point: FloatArray, found: tuple[FloatArray, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """(k,) each: disparities of edges where the right image shows them at points (k, 2), and their variances."""
+    x, covariance = found[0][edge], found[1][edge]
+    # The left image shows it d pixels farther to the right: d = a + b (s + t_u d).
     row = _left_row(seen, edge, point)
-    if image == 1:
-        # The left image shows it d pixels farther to the right: d = a + b (s + t_u d).
-        along = seen.segments[0].direction[seen.matches.left[edge], 0]
-        row /= np.clip(1.0 - x[edge, 1] * along, 0.5, 2.0)[:, None]
-    return row
+    along = seen.segments[0].direction[seen.matches.left[edge], 0]
+    stretch = np.clip(1.0 - x[:, 1] * along, 0.5, 2.0)
+    disparity = np.einsum('ki,ki->k', row, x) / stretch
+    row[:, 1] += along * disparity
+    return disparity, np.einsum('ki,kij,kj->k', row, covariance, row) / stretch**2
+
+
+def _in_left(
+    seen: StereoSegments, edges: tuple[IntArray, IntArray], point: FloatArray, found: tuple[FloatArray, FloatArray]
+) -> FloatArray:
+    """(k, 2) where the left image shows points (k, 2) of the right one, by the better known of two edges there."""
+    (one, variance), (other, its) = (_disparities(seen, edge, point, found) for edge in edges)
+    return np.asarray(point + np.stack([np.where(variance < its, one, other), np.zeros(len(point))], axis=1))
 
 
 def _one_disparity(
     rows: tuple[FloatArray, FloatArray], pair: tuple[IntArray, IntArray], sigma: float, prior: FloatArray | float
 ) -> Factors:
-    """Statements that two edges have one disparity: k edges each, and what :func:`_disparity_row` says of them."""
+    """Statements that two edges have one disparity: k edges each, and what :func:`_left_row` says of them."""
     k = len(pair[0])
     numbers = np.zeros(k), np.full(k, sigma), np.broadcast_to(prior, k), np.full(k, SPREAD)
     return Factors(*pair, *rows, *numbers, np.zeros(k, bool))
@@ -149,15 +161,15 @@ def _pair_number(seen: StereoSegments, e: IntArray, f: IntArray) -> IntArray:
     return number
 
 
-def junction_factors(seen: StereoSegments, x: FloatArray) -> Factors:
+def junction_factors(seen: StereoSegments, found: tuple[FloatArray, FloatArray]) -> Factors:
     """Edges that meet in an image have one disparity there.
 
     Parameters
     ----------
     seen : StereoSegments
         n edges.
-    x : (n, 2)
-        Their unknowns, roughly.
+    found : (n, 2), (n, 2, 2)
+        Their unknowns, roughly, and the covariance.
     """
     count = len(seen.matches)
     neighbours = seen.neighbours(0), seen.neighbours(1)
@@ -179,7 +191,9 @@ def junction_factors(seen: StereoSegments, x: FloatArray) -> Factors:
         prior = np.where(others[e, end] == f, JUNCTION_PRIOR, np.where(other < 0, SEEN_AS_ONE, DOUBTFUL_PRIOR))
         hidden = seen.ends[0].t_junction[e, end] | seen.ends[1].t_junction[e, end]
         point = seen.points[image][e, end]
-        rows = _disparity_row(seen, e, image, point, x), _disparity_row(seen, f, image, point, x)
+        if image == 1:
+            point = _in_left(seen, (e, f), point, found)
+        rows = _left_row(seen, e, point), _left_row(seen, f, point)
         parts.append(_one_disparity(rows, (e, f), CORNER_SIGMA, np.where(hidden, T_PRIOR, prior)))
     return Factors.concatenate(parts)
 

@@ -246,7 +246,7 @@ def likeliest(
     own: tuple[FloatArray, FloatArray, FloatArray],
     used: BoolArray,
 ) -> bool:
-    """Mark in ``used`` (k,) which statements of open edges hold at their likeliest depths; whether any changed.
+    """Mark in ``used`` (k,) which statements hold of edges that are likelier elsewhere; whether any changed.
 
     edges : numbers of the open ones; known : (n,) edges that may tell; solution : x (n, 2) and covariance (n, 2, 2) so
     far; own : of every edge's own lines the information, and x and covariance by it.
@@ -256,8 +256,12 @@ def likeliest(
     changed = False
     for e in edges:
         told = _told(s, e, known, x, covariance)
-        gain = np.empty(len(told.value))
-        _fill_gains(_likeliest_mode(told, own_x[e], own_covariance[e], information[e]), told, gain)
+        gain, missed = np.empty(len(told.value)), np.empty(len(told.value))
+        best = _likeliest_mode(told, own_x[e], own_covariance[e], information[e])
+        here = _log_evidence(x[e], told, own_x[e], information[e], (gain, missed))
+        if _log_evidence(best, told, own_x[e], information[e], (gain, missed)) <= here:
+            continue
+        _fill_gains(best, told, gain)
         for k, holds in zip(told.factor, gain > 0.0):
             changed |= used[k] != holds
             used[k] = holds
