@@ -20,7 +20,15 @@ from model_matcher.geometry.pose_rows import as_motion
 from model_matcher.image_pose.alignment import Equations, Fit, ModelError, Placed, Prior
 from model_matcher.image_pose.finding import find_steps
 from model_matcher.image_pose.image_quality import look_of
-from model_matcher.image_pose.measurement import Laid, _likelier_tone, drawn_in, measure_pose, polished, presence
+from model_matcher.image_pose.measurement import (
+    Laid,
+    _log_odds_of_code,
+    _of_other,
+    drawn_in,
+    measure_pose,
+    polished,
+    presence,
+)
 from model_matcher.image_pose.model_error import (
     FIRST_ERROR,
     _log_likelihood,
@@ -270,9 +278,18 @@ def test_tone_curves_are_not_told_apart_by_less_than_noise():
     def laid(off):
         return Laid(as_motion(pose), np.zeros(len(sight)), weight, np.eye(6), ModelError(off, off, 0.0, 0.0))
 
-    assert _likelier_tone([laid(0.001), laid(0.00001)], sight) == 0
-    assert _likelier_tone([laid(0.3), laid(0.001)], sight) == 1
-    assert _likelier_tone([laid(0.001), laid(0.3)], sight) == 0
+    assert abs(_log_odds_of_code([laid(0.001), laid(0.00001)], sight)) < 1.0
+    assert _log_odds_of_code([laid(0.3), laid(0.001)], sight) > DECISIVE
+    assert _log_odds_of_code([laid(0.001), laid(0.3)], sight) < -DECISIVE
+
+
+def test_a_pose_is_as_uncertain_as_its_tone_curve():
+    """Where either curve may be the right one, half of the poses are where the other has them; else next to none."""
+    pose, other = Pose.identity(), Pose.from_rotation_vector([0.0, 0.0, 0.01], [0.002, 0.0, 0.0])
+    away = np.array([0.002, 0.0, 0.0, 0.0, 0.0, 0.01])
+    np.testing.assert_allclose(_of_other(pose, other, 0.0), 0.5 * np.outer(away, away), atol=1e-12)
+    assert np.abs(_of_other(pose, other, 20.0)).max() < 1e-12
+    assert np.isfinite(_of_other(pose, other, 1e6)).all()
 
 
 @pytest.mark.parametrize('seed', [1, 2, 3, 4])

@@ -18,7 +18,6 @@ import numpy as np
 
 from msgs_py import Pose
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.settings import DECISIVE
 from msgs_py.numeric.threads import spread
 from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
@@ -189,9 +188,10 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
     anew as well where it has moved by much: a pixel off their edges, any of it may seem to be so.
 
     Whether the camera codes light by a tone curve is not said in an image. A wrong curve moves every step to its dark
-    side, and which side that is differs from edge to edge: the right one leaves the outline less to be off.
+    side, and which side that is differs from edge to edge: the right one leaves the outline less to be off. Where that
+    is not clear the pose may be where the other curve has it.
     """
-    tone_is_known = bool(views.tone[0] > 0.0)
+    tone_is_known, doubt = bool(views.tone[0] > 0.0), np.zeros((6, 6))
     for _ in range(DRAWN_ANEW):
         outline = outline_of(shape, as_pose(motion), views.cameras, views.poses)
         sight = drawn(outline, motion, shape.centre, views)
@@ -203,8 +203,10 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
         else:
             coded = [views.coded(tone) for tone in TONES]
             laid_on = spread(partial(_laid_on_fitted, shape, motion, sight, density), coded)
-            best = _likelier_tone(laid_on, sight)
+            odds = _log_odds_of_code(laid_on, sight)
+            best = int(odds > 0.0)
             found = laid_on[best]
+            doubt = _of_other(as_pose(found.motion), as_pose(laid_on[1 - best].motion), abs(odds))
             views.take_over(coded[best].quality)
         motion = found.motion
         off, moved = math.hypot(found.error.curve, found.error.view), moved_by(motion, views.rows, sight.placed)
@@ -215,25 +217,32 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
             tone_is_known = True
     pose = as_pose(motion)
     arm = (pose.translation - pose.apply(shape.centre))[None]
-    covariance = covariances(found.normal[None], np.ones(1), arm, shape.size)[0]
+    covariance = covariances(found.normal[None], np.ones(1), arm, shape.size)[0] + doubt
     there = shown(drawn(outline, motion, shape.centre, views), views)
     return ImagePose(pose, covariance, there, found.residual, found.weight, found.error)
 
 
-def _likelier_tone(found: list[Laid], sight: Sight) -> int:
-    """Which of two tone curves explains steps, by how far each leaves the outline off.
+def _log_odds_of_code(found: list[Laid], sight: Sight) -> float:
+    """Nats for the second of two tone curves against the first, by how far each leaves the outline off.
 
-    The first, unless the other is decisively better.
+    All views show a curve off by the same, where a model is wrong or a tone: it is one witness, of two numbers.
     """
     off = [one.error.curve**2 + one.error.view**2 for one in found]
-    told = np.bincount(sight.placed.group, found[0].weight + found[1].weight)
+    told = np.bincount(sight.placed.curve, found[0].weight + found[1].weight)
     # By so much noise moves each curve in either case: errors that are far less do not tell the two apart.
     noise = 2.0 / told[told > 0.0]
-    # The pose has taken six of the errors of the curves, two each.
-    if len(noise) <= 3:
-        return 0
-    gain = (len(noise) - 3) * float(np.log((off[0] + noise) / (off[1] + noise)).mean())
-    return int(gain > DECISIVE)
+    # The pose has taken six of the errors of the curves.
+    return max(len(noise) - 3, 0) * float(np.log((off[0] + noise) / (off[1] + noise)).mean()) if len(noise) else 0.0
+
+
+def _of_other(pose: Pose, other: Pose, odds: float) -> FloatArray:
+    """(6, 6) what it adds to a pose's covariance that another is as well possible, against which there are odds, nats.
+
+    Of (x, y, z, rx, ry, rz), metres and radians, first camera's frame.
+    """
+    turn = Pose(other.rotation @ pose.rotation.T).rotation_vector
+    away = np.concatenate([other.translation - pose.translation, turn])
+    return np.asarray(0.5 * (1.0 - math.tanh(0.5 * odds)) * np.outer(away, away))
 
 
 def _laid_on_fitted(shape: Shape, motion: FloatArray, sight: Sight, density: float, views: Views) -> Laid:
