@@ -66,12 +66,6 @@ class Beside:
     late: Late = never
 
 
-def _as_they_meet(factors: Factors, found: Estimate) -> Factors:
-    """Statements that edges meet, with the sigma that each shows: most corners are sharp, some are rounded."""
-    heavy = heavy_sigma(factors, found, MOST_CORNER_SIGMA)
-    return replace(factors, sigma=np.where(factors.other >= 0, heavy, factors.sigma))
-
-
 def _texture(
     seen: StereoSegments, known: BoolArray, own: tuple[FloatArray, FloatArray], strips: AlignedStrips | None
 ) -> list[Factors]:
@@ -117,7 +111,9 @@ def solved(seen: StereoSegments, beside: Beside) -> Estimate:
     for _ in range(GROUP_ROUNDS):
         if beside.late():
             break
-        own = _as_they_meet(Factors.concatenate([junction_factors(seen, (found.x, found.covariance)), *fixed]), found)
+        own = Factors.concatenate([junction_factors(seen, (found.x, found.covariance)), *fixed])
+        # Most corners are sharp, some are rounded.
+        own = replace(own, sigma=heavy_sigma(own, found, MOST_CORNER_SIGMA))
         alone = by_factors(lines, own, found.used[: len(own)], found)
         so_far = found.x, found.covariance
         parallel = parallel_factors(seen.segments[0], seen.matches.left, so_far, alone, beside.curves, beside.rig)

@@ -177,11 +177,8 @@ def _decided(equations: NormalEquations, lines: OwnLines, used: BoolArray) -> tu
     statements = _statements(equations.factors, len(lines.extent))
     used, solution, holds = equations.decided(_start(equations, statements, lines, used))
     open_edges = np.flatnonzero(end_sigma(lines.covariance, lines).max(axis=1) >= OPEN_SIGMA)
-    everyone = np.ones(len(lines.extent), bool)
-    for _ in range(START_ROUNDS):
-        so_far, own = (solution.x, solution.covariance), (lines.information, lines.x, lines.covariance)
-        if not likeliest(statements, open_edges, everyone, so_far, own, used):
-            break
+    so_far, own = (solution.x, solution.covariance), (lines.information, lines.x, lines.covariance)
+    if likeliest(statements, open_edges, np.ones(len(lines.extent), bool), so_far, own, used):
         used, solution, holds = equations.decided(used)
     return used, solution, holds
 
@@ -249,7 +246,10 @@ def misfit(factors: Factors, solution: Solution, used: BoolArray) -> FloatArray:
 
 
 def heavy_sigma(factors: Factors, found: Estimate, most: float) -> FloatArray:
-    """(k,) sigmas of statements whose misses have a heavy tail, Student's with one degree of freedom.
+    """(k,) sigmas of statements; of those about two edges, whose misses have a heavy tail, as large as they show.
+
+    The tail is that of Student's density with one degree of freedom. What all others know of a statement leaves its
+    miss open as well: its sigma is the one with which its share of the residual is what is expected of it.
 
     Parameters
     ----------
@@ -258,23 +258,20 @@ def heavy_sigma(factors: Factors, found: Estimate, most: float) -> FloatArray:
     found : Estimate
     most : float
         Pixels, the largest sigma that any has.
-
-    Returns
-    -------
-    (k,) float64
-        Pixels. What all others know of a statement leaves its miss open as well; its sigma is the one of which the
-        statement's share of the residual is what is expected of it.
     """
-    off, variance = (each[: len(factors), None] for each in without_itself(found.factors, found.solution, found.used))
-    stated = factors.sigma[:, None]
+    two = np.flatnonzero(factors.other >= 0)
+    off, variance = (each[two, None] for each in without_itself(found.factors, found.solution, found.used))
+    stated = factors.sigma[two, None]
     # Student's density is made of normal ones of all scales; below a third of the stated one there are next to none.
-    scale = stated * np.geomspace(np.full(len(factors), 1.0 / 3.0), most / factors.sigma, HEAVY_SCALES, axis=1)
+    scale = stated * np.geomspace(np.full(len(two), 1.0 / 3.0), most / stated[:, 0], HEAVY_SCALES, axis=1)
     total = variance + scale**2
     nats = -np.log(scale * np.sqrt(total)) - 0.5 * (stated / scale) ** 2 - 0.5 * off**2 / total
     chance = np.exp(nats - nats.max(axis=1, keepdims=True))
     of_others = (chance * variance / total).sum(axis=1) / chance.sum(axis=1)
     heavy = np.sqrt(variance[:, 0] * (1.0 - of_others) / np.maximum(of_others, SMALLEST))
-    return np.asarray(np.clip(heavy, factors.sigma, most))
+    result = factors.sigma.copy()
+    result[two] = np.clip(heavy, stated[:, 0], most)
+    return result
 
 
 def told_prior(factors: Factors, known: BoolArray, x: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -66,7 +66,7 @@ ACCIDENT = 0.05
 MOST_SLOPE = 0.5
 # Open edges that are worth another thread: one costs 10 us, to hand work over and to wait for it 100 us. [D]
 LEAST_OPEN = 40
-# Rounds of the start, and of asking again, and of the least squares. [R] bounds the time
+# Rounds of the start, and of the least squares. [R] bounds the time
 START_ROUNDS, ROUNDS = 3, 100
 # Share of a factor's variance that all others leave it, at least, when it is taken out of a least squares. [D] rounding
 LEAST_REST = 1e-6
