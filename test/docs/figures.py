@@ -171,14 +171,15 @@ def _rows() -> str:
     lines, flat, three = read('lines'), read('stereo_flat'), read('lines_three_cameras')
     level, usual, more = (record.figures[kind] for record, kind in ((lines, 'flat'), (lines, 'any'), (three, 'flat')))
     wrong = 100.0 - flat.figures['flat: precision']
-    better = 100.0 * (1.0 - more['pose rotation'] / level['pose rotation'])
+    directions, place = (100.0 * (1.0 - more[what] / level[what]) for what in ('direction median', 'pose translation'))
     return f"""
         Edges within 8 degrees of the image rows carry no disparity of their own. They are recovered from their corners,
         their ends and what is parallel to them. On views full of such edges {100 * level['recall of flat edges']:.0f} %
         of their length is found, and the pose from all edges is {level['pose rotation']:.3f} degrees off, on other
         views {usual['pose rotation']:.3f} ({lines.source}). A face that one eye sees a pixel or two wide, and the
         other not at all, still leads to wrong edges: {wrong:.0f} in 100 on views full of them ({flat.source}). A third
-        camera above the pair takes {better:.0f} % off the error of the pose there ({three.source})."""
+        camera above the pair takes {directions:.0f} % off the error of the edges' directions there, and {place:.0f} %
+        off that of the pose's place ({three.source})."""
 
 
 def _print() -> str:
