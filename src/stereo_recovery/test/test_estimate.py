@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stereo_recovery.estimation.equation_kernels import first_of_edges, probability_of_two
-from stereo_recovery.estimation.estimate import OwnLines, estimate, heavy_sigma, told_prior, without_accidents
+from stereo_recovery.estimation.estimate import OwnLines, estimate, told_prior, without_accidents
 from stereo_recovery.estimation.factors import Factors
 from stereo_recovery.estimation.normal_equations import NormalEquations
 
@@ -146,21 +146,6 @@ def test_what_several_edges_say_together_moves_one_that_each_of_them_would_leave
     found = solved(lines, Factors.concatenate([corners, strip]))
     assert found.used.tolist() == [True] * 4 + [False]
     np.testing.assert_allclose(found.x[0], [10.0, 0.0], atol=0.02)
-
-
-@pytest.mark.parametrize('miss', [0.0, 0.1, 0.5])
-def test_a_corner_is_as_rounded_as_it_shows(miss):
-    """Known exactly by others, its sigma is by Student's weight; hardly known, it stays as stated."""
-    factors = tied([(0, 50.0, 1, -50.0)], sigma=0.05)
-    lines = measured([(10.0, 10.0), (10.0 + miss, 10.0 + miss)], [1e-4, 1e-4])
-    found = replace(solved(lines, factors), used=np.zeros(1, bool))
-    found = replace(found, solution=NormalEquations(lines.information, lines.vector, factors).solve(found.used))
-    by_weight = np.sqrt(0.5 * (0.05**2 + miss**2))
-    # Of scales up to the largest: the tail beyond that is not there.
-    assert heavy_sigma(factors, found, 10.0) == pytest.approx([max(by_weight, 0.05)], rel=0.05)
-    lines = measured([(10.0, 10.0), (10.0 + miss, 10.0 + miss)], [1.0, 1.0])
-    found = replace(found, solution=NormalEquations(lines.information, lines.vector, factors).solve(found.used))
-    assert heavy_sigma(factors, found, 1.0)[0] < 0.2
 
 
 def test_a_statement_that_nothing_tests_holds_with_its_prior():

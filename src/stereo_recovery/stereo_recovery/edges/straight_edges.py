@@ -17,7 +17,6 @@ from ..estimation.estimate import (
     by_factors,
     end_sigma,
     estimate,
-    heavy_sigma,
     told_prior,
     without_accidents,
     without_itself,
@@ -66,6 +65,17 @@ class Beside:
     late: Late = never
 
 
+def _as_they_meet(factors: Factors, found: Estimate) -> Factors:
+    """Statements that edges meet, with the sigma that each shows: most corners are sharp, some are rounded.
+
+    The residual of a corner has a heavy tail, Student's with one degree of freedom; this is its weight.
+    """
+    off, variance = without_itself(found.factors, found.solution, found.used)
+    excess = np.clip(off**2 - variance, 0.0, MOST_CORNER_SIGMA**2)[: len(factors)]
+    heavy = np.sqrt(0.5 * (factors.sigma**2 + np.maximum(excess, factors.sigma**2)))
+    return replace(factors, sigma=np.where(factors.other >= 0, heavy, factors.sigma))
+
+
 def _texture(
     seen: StereoSegments, known: BoolArray, own: tuple[FloatArray, FloatArray], strips: AlignedStrips | None
 ) -> list[Factors]:
@@ -111,9 +121,7 @@ def solved(seen: StereoSegments, beside: Beside) -> Estimate:
     for _ in range(GROUP_ROUNDS):
         if beside.late():
             break
-        own = Factors.concatenate([junction_factors(seen, (found.x, found.covariance)), *fixed])
-        # Most corners are sharp, some are rounded.
-        own = replace(own, sigma=heavy_sigma(own, found, MOST_CORNER_SIGMA))
+        own = _as_they_meet(Factors.concatenate([junction_factors(seen, (found.x, found.covariance)), *fixed]), found)
         alone = by_factors(lines, own, found.used[: len(own)], found)
         so_far = found.x, found.covariance
         parallel = parallel_factors(seen.segments[0], seen.matches.left, so_far, alone, beside.curves, beside.rig)

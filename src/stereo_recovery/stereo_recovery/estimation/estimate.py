@@ -29,7 +29,6 @@ from .factors import Factors
 from .normal_equations import NormalEquations
 from .settings import (
     ACCIDENT,
-    HEAVY_SCALES,
     LEAST_OPEN,
     LEAST_REST,
     MATCH_SIGMA,
@@ -243,35 +242,6 @@ def misfit(factors: Factors, solution: Solution, used: BoolArray) -> FloatArray:
     off, variance = without_itself(factors, solution, used)
     told = used & (1.0 - solution.variance / factors.sigma**2 > 0.05)
     return np.where(told, np.abs(off) / np.sqrt(variance + factors.sigma**2), np.nan)
-
-
-def heavy_sigma(factors: Factors, found: Estimate, most: float) -> FloatArray:
-    """(k,) sigmas of statements; of those about two edges, whose misses have a heavy tail, as large as they show.
-
-    The tail is that of Student's density with one degree of freedom. What all others know of a statement leaves its
-    miss open as well: its sigma is the one with which its share of the residual is what is expected of it.
-
-    Parameters
-    ----------
-    factors : Factors
-        k statements, the first ones of the estimate.
-    found : Estimate
-    most : float
-        Pixels, the largest sigma that any has.
-    """
-    two = np.flatnonzero(factors.other >= 0)
-    off, variance = (each[two, None] for each in without_itself(found.factors, found.solution, found.used))
-    stated = factors.sigma[two, None]
-    # Student's density is made of normal ones of all scales; below a third of the stated one there are next to none.
-    scale = stated * np.geomspace(np.full(len(two), 1.0 / 3.0), most / stated[:, 0], HEAVY_SCALES, axis=1)
-    total = variance + scale**2
-    nats = -np.log(scale * np.sqrt(total)) - 0.5 * (stated / scale) ** 2 - 0.5 * off**2 / total
-    chance = np.exp(nats - nats.max(axis=1, keepdims=True))
-    of_others = (chance * variance / total).sum(axis=1) / chance.sum(axis=1)
-    heavy = np.sqrt(variance[:, 0] * (1.0 - of_others) / np.maximum(of_others, SMALLEST))
-    result = factors.sigma.copy()
-    result[two] = np.clip(heavy, stated[:, 0], most)
-    return result
 
 
 def told_prior(factors: Factors, known: BoolArray, x: FloatArray, covariance: FloatArray) -> FloatArray:

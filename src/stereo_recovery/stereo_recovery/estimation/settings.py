@@ -71,8 +71,6 @@ LEAST_OPEN = 40
 START_ROUNDS, ROUNDS = 3, 100
 # Share of a factor's variance that all others leave it, at least, when it is taken out of a least squares. [D] rounding
 LEAST_REST = 1e-6
-# Normal densities that Student's is made of. [D] twice as many move no end by a hundredth of its sigma
-HEAVY_SCALES = 20
 # So often a factor may be taken out again. [D] more would not end
 MOST_REMOVED = 2
 # Residuals that the sigmas' own word is worth, and statements that a prior's is. [R]
