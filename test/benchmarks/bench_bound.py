@@ -18,10 +18,9 @@ from functools import partial
 
 import numpy as np
 from batches import add_batch_options, run_batch
-from pose_bounds import pose_error
 from rendered_poses import rendered_pair, view_names
 
-from model_matcher.geometry.pose_rows import as_motion
+from model_matcher.geometry.pose_rows import as_motion, step_between
 from model_matcher.image_pose.measurement import polished
 from model_matcher.image_pose.views import Views
 from model_matcher.pipeline import warm_up
@@ -41,7 +40,7 @@ def errors_over_bound(job: tuple[str, int, int]) -> list[list[float]]:
         whiten = (axes * np.sqrt(np.maximum(values, 0.0))).T
         views = Views.of((posed.pair.left, posed.pair.right), posed.pair.rig)
         found = polished(posed.asked[0].index.shape, as_motion(pose), views)
-        rows.append((whiten @ pose_error(pose, found.pose)).tolist())
+        rows.append((whiten @ step_between(pose, found.pose)).tolist())
     return rows
 
 

@@ -26,6 +26,7 @@ from scipy import stats
 
 from csg_renderer import Solid, SolidOutline
 from model_matcher import index_model, match
+from model_matcher.geometry.pose_rows import step_between
 from model_matcher.image_pose.views import Views
 from model_matcher.model.index import ModelIndex
 from model_matcher.model.symmetry import symmetries
@@ -133,8 +134,7 @@ def _ready() -> None:
 def _error(found: Pose, true: Pose, alike: list[Pose]) -> np.ndarray:
     """Shift and turn (6,) from the true pose, the nearest of those that look the same, metres and radians."""
     nearest = min((true.compose(one) for one in alike), key=lambda pose: pose.error_to(found).rotation)
-    turn = Pose(found.rotation @ nearest.rotation.T).rotation_vector
-    return np.concatenate([found.translation - nearest.translation, turn])
+    return step_between(nearest, found)
 
 
 def main(arguments: list[str] | None = None) -> int:

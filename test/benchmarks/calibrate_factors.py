@@ -14,10 +14,9 @@ from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
-from unittest import mock
 
 import numpy as np
-from lost_length import covering
+from lost_length import covering, watched
 from true_pairs import TruePair, data_folder, families_of, load_pair, pair_names
 
 from msgs_py.settings import BOUND_SIGMA
@@ -89,17 +88,10 @@ def told(found: Estimate, truth: dict[int, np.ndarray]) -> Iterator[Told]:
 
 def told_of_pair(pair: TruePair) -> list[Told]:
     """What all statements say, of one pair."""
-    kept: list[Told] = []
-    solved = straight_edges.solved
-
-    def watching(seen: StereoSegments, beside: straight_edges.Beside) -> Estimate:
-        found = solved(seen, beside)
-        kept.extend(told(found, true_lines(pair, seen)))
-        return found
-
-    with mock.patch.object(straight_edges, 'solved', watching):
+    seen: dict[str, list[tuple[StereoSegments, Estimate]]] = {}
+    with watched(straight_edges, 'solved', seen, lambda given, out: (given[0], out)):
         recover(pair.left, pair.right, pair.rig)
-    return kept
+    return [one for segments, found in seen.get('solved', ()) for one in told(found, true_lines(pair, segments))]
 
 
 def main() -> None:

@@ -51,11 +51,11 @@ def traced(recover: Callable[[], Any]) -> tuple[Any, Trace | None]:
     """What a recovery returns, and what went through it; None when it ended before anything was selected."""
     seen: dict[str, list[Any]] = {}
     with (
-        _watched(view_module, 'split', seen, lambda given, _: given[0].edgels),
-        _watched(pipeline, 'detect_views', seen, lambda _, out: out),
-        _watched(pipeline, 'in_light', seen, lambda _, out: out),
-        _watched(labelling, '_labelling', seen, lambda given, out: (given[0], out)),
-        _watched(pipeline, 'is_edge', seen, lambda given, out: (given, out)),
+        watched(view_module, 'split', seen, lambda given, _: given[0].edgels),
+        watched(pipeline, 'detect_views', seen, lambda _, out: out),
+        watched(pipeline, 'in_light', seen, lambda _, out: out),
+        watched(labelling, '_labelling', seen, lambda given, out: (given[0], out)),
+        watched(pipeline, 'is_edge', seen, lambda given, out: (given, out)),
     ):
         result = recover()
     if not all(name in seen for name in ('_labelling', 'is_edge')):
@@ -78,7 +78,7 @@ def _is_of(edgels: Any, view: Any) -> bool:
 
 
 @contextmanager
-def _watched(module: Any, name: str, seen: dict[str, list[Any]], keep: Callable[..., Any]) -> Iterator[None]:
+def watched(module: Any, name: str, seen: dict[str, list[Any]], keep: Callable[..., Any]) -> Iterator[None]:
     """A function of a module, each call of which is kept in ``seen``."""
     own = getattr(module, name)
 

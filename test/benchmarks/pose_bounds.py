@@ -18,6 +18,7 @@ import numpy as np
 
 from csg_renderer import Solid, visible_fragments
 from model_matcher.closed_form.planning.steps import edge_information, step_heights
+from model_matcher.geometry.pose_rows import step_between
 from model_matcher.geometry.settings import UNIFORM_VARIANCE
 from msgs_py import FeatureKind, PinholeCamera, Pose
 
@@ -85,14 +86,8 @@ class PoseBound:
 
     def squared(self, true: Pose, found: Pose) -> float:
         """The squared error of a pose in units of the bound: six on average where a method reaches it."""
-        error = pose_error(true, found)
+        error = step_between(true, found)
         return float(error @ self.information @ error)
-
-
-def pose_error(true: Pose, found: Pose) -> np.ndarray:
-    """(6,) float64: shift of the origin, metres, and rotation vector, radians, both in the frame of the camera."""
-    turn = Pose(found.rotation @ true.rotation.T).rotation_vector
-    return np.concatenate([found.translation - true.translation, turn])
 
 
 def pose_bound(

@@ -7,13 +7,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-from pose_bounds import pose_error
 from scipy.stats import chi2
 from true_pairs import LEAST_CONTRAST
 from true_poses import ALIKE, Difference, Instance, Part, PosedPair, difference, nearest_true
 
 from csg_renderer import Solid, visible_features
 from model_matcher import MatchResult
+from model_matcher.geometry.pose_rows import step_between
 from msgs_py import FeatureKind, Interpretation, PinholeCamera, Pose
 
 # A pose farther off than this, from every instance, is wrong: at this much nothing can be gripped by it.
@@ -123,7 +123,7 @@ def _weigh(answer: Answer, posed: PosedPair, found: Interpretation) -> None:
     """The error in units of the stated covariance and of the bound, where there are such."""
     assert answer.instance is not None
     instance = posed.instances[answer.instance]
-    error = pose_error(nearest_true(instance, found.pose), found.pose)
+    error = step_between(nearest_true(instance, found.pose), found.pose)
     usual = float(chi2.ppf(0.5, 6 if instance.axis is None else 5))
     if found.covariance is not None:
         answer.stated = float(error @ np.linalg.solve(found.covariance + instance.covariance, error)) / usual

@@ -84,7 +84,7 @@ class Instance:
 
     @property
     def covariance(self) -> np.ndarray:
-        """(6, 6) of the pose itself, see :func:`pose_bounds.pose_error`: what turns it turns it about its middle."""
+        """(6, 6) of the pose itself, by ``pose_rows.step_between``: what turns it turns it about its middle."""
         moved, x, y, z = np.eye(6), *(self.pose.translation - self.place)
         moved[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
         sigma = np.repeat([self.trust[1], np.radians(self.trust[0])], 3) / np.sqrt(3.0)

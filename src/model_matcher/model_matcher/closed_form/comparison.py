@@ -15,6 +15,7 @@ from csg_renderer.scene.solid import FACES
 from csg_renderer.scene.terrain import Terrain, gradient, height_at
 from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, Pose, PoseError
 
+from ..geometry.pose_rows import step_between
 from .settings import SAME_DIRECTION_DEG, SAME_PLACE_M
 
 
@@ -184,8 +185,7 @@ def squared_deviation(found: Interpretation, truth: Pose) -> float:
     near = min(poses, key=lambda pose: (round(pose.error_to(truth).rotation, 3), pose.error_to(truth).translation))
     # From an equal pose back to the stated one, by the model's symmetry.
     truth = truth.compose(near.inverse().compose(found.pose))
-    turn = Pose(found.pose.rotation @ truth.rotation.T).rotation_vector
-    error = np.concatenate([found.pose.translation - truth.translation, turn])
+    error = step_between(truth, found.pose)
     return float(error @ np.linalg.solve(found.covariance, error))
 
 

@@ -22,7 +22,7 @@ from msgs_py.numeric.threads import spread
 from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
 from ..geometry.least_squares import covariances
-from ..geometry.pose_rows import as_motion, as_pose
+from ..geometry.pose_rows import as_motion, as_pose, step_between
 from .alignment import ModelError, Placed, Steps, align, moved_by, new_fit
 from .ends import ends_seen, log_ratio
 from .finding import Pictures, steps_about
@@ -240,8 +240,7 @@ def _of_other(pose: Pose, other: Pose, odds: float) -> FloatArray:
 
     Of (x, y, z, rx, ry, rz), metres and radians, first camera's frame.
     """
-    turn = Pose(other.rotation @ pose.rotation.T).rotation_vector
-    away = np.concatenate([other.translation - pose.translation, turn])
+    away = step_between(pose, other)
     return np.asarray(0.5 * (1.0 - math.tanh(0.5 * odds)) * np.outer(away, away))
 
 

@@ -11,13 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msgs_py import FeatureKind, Pose
+from msgs_py import FeatureKind
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int8Array, Int32Array
 
 from ..geometry.features import CURVE, DataFeatures, FeatureRows, ModelFeatures
 from ..geometry.least_squares import covariances as pose_covariances
-from ..geometry.pose_rows import as_pose
+from ..geometry.pose_rows import as_pose, step_between
 from ..geometry.weighted_fit import weighted_fit
 from ..model.problem import Problem
 from ..model.settings import EXACT
@@ -108,9 +108,7 @@ def fitted_poses(
 
 def _with_move(fitted: FittedPose, moved: FittedPose) -> FittedPose:
     """A pose of which the other is one sigma of an error that is not in its covariance off."""
-    one, other = as_pose(fitted.motion), as_pose(moved.motion)
-    turn = Pose(other.rotation @ one.rotation.T, np.zeros(3)).rotation_vector
-    step = np.concatenate([other.translation - one.translation, turn])
+    step = step_between(as_pose(fitted.motion), as_pose(moved.motion))
     return fitted._replace(covariance=fitted.covariance + np.outer(step, step))
 
 

@@ -121,9 +121,9 @@ def solved(seen: StereoSegments, beside: Beside) -> Estimate:
     for _ in range(GROUP_ROUNDS):
         if beside.late():
             break
-        own = _as_they_meet(Factors.concatenate([junction_factors(seen, (found.x, found.covariance)), *fixed]), found)
-        alone = by_factors(lines, own, found.used[: len(own)], found)
         so_far = found.x, found.covariance
+        own = _as_they_meet(Factors.concatenate([junction_factors(seen, so_far), *fixed]), found)
+        alone = by_factors(lines, own, found.used[: len(own)], found)
         parallel = parallel_factors(seen.segments[0], seen.matches.left, so_far, alone, beside.curves, beside.rig)
         used = np.concatenate([found.used[: len(own)], np.zeros(len(parallel), bool)])
         found = estimate(lines, Factors.concatenate([own, parallel]), used, len(own), found.place)

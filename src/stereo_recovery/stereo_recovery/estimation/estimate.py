@@ -76,6 +76,11 @@ class OwnLines:
         """(n, 2, 2) rows h: h x is the disparity at either end."""
         return np.stack([np.ones_like(self.extent), self.extent], axis=-1)
 
+    @cached_property
+    def are_open(self) -> BoolArray:
+        """(n,) bool: edges whose disparity at an end they know no better than to OPEN_SIGMA."""
+        return np.asarray(end_sigma(self.covariance, self).max(axis=1) >= OPEN_SIGMA)
+
     def covariance_with_line(self, covariance: FloatArray) -> FloatArray:
         """(n, 2, 2) of unknowns of this covariance (n, 2, 2) with offset and direction of the left lines."""
         return np.zeros_like(covariance) if self.with_line is None else np.asarray(covariance @ self.with_line)
@@ -152,19 +157,26 @@ def _statements(factors: Factors, count: int) -> Statements:
 def _start(equations: NormalEquations, statements: Statements, lines: OwnLines, used: BoolArray) -> BoolArray:
     """(k,) bool: ``used``, and of edges that are open with those the statements of their likeliest depths."""
     used = used.copy()
-    own = lines.information, lines.x, lines.covariance
 
     def asked(part: tuple[int, int]) -> bool:
         """Some of the open edges; no statement that is asked is about two of them."""
-        return bool(likeliest(statements, open_edges[part[0] : part[1]], known, so_far, own, used))
+        return _asked(statements, open_edges[part[0] : part[1]], known, solution, lines, used)
 
     for _ in range(START_ROUNDS):
         solution = equations.solve(used)
         known = end_sigma(solution.covariance, lines).max(axis=1) < WELL_MEASURED
-        open_edges, so_far = np.flatnonzero(~known), (solution.x, solution.covariance)
+        open_edges = np.flatnonzero(~known)
         if not any(spread(asked, parts_of(len(open_edges), LEAST_OPEN))):
             break
     return used
+
+
+def _asked(
+    statements: Statements, edges: IntArray, known: BoolArray, so_far: Solution, lines: OwnLines, used: BoolArray
+) -> bool:
+    """Whether any of some edges is likelier elsewhere by what known ones say, see :func:`.start_kernels.likeliest`."""
+    own = lines.information, lines.x, lines.covariance
+    return bool(likeliest(statements, edges, known, (so_far.x, so_far.covariance), own, used))
 
 
 def _decided(equations: NormalEquations, lines: OwnLines, used: BoolArray) -> tuple[BoolArray, Solution, FloatArray]:
@@ -175,9 +187,8 @@ def _decided(equations: NormalEquations, lines: OwnLines, used: BoolArray) -> tu
     """
     statements = _statements(equations.factors, len(lines.extent))
     used, solution, holds = equations.decided(_start(equations, statements, lines, used))
-    open_edges = np.flatnonzero(end_sigma(lines.covariance, lines).max(axis=1) >= OPEN_SIGMA)
-    so_far, own = (solution.x, solution.covariance), (lines.information, lines.x, lines.covariance)
-    if likeliest(statements, open_edges, np.ones(len(lines.extent), bool), so_far, own, used):
+    everyone = np.ones(len(lines.extent), bool)
+    if _asked(statements, np.flatnonzero(lines.are_open), everyone, solution, lines, used):
         used, solution, holds = equations.decided(used)
     return used, solution, holds
 
@@ -199,9 +210,8 @@ def without_accidents(found: Estimate) -> FloatArray:
         # Of its slope others speak: their rows have hardly a first number. What holds with the one before says no more.
         tells = np.flatnonzero(found.used & (edge >= 0) & (row[:, 0] > 0.5) & factors.first)
         np.add.at(accident, edge[tells], np.log(np.maximum(1.0 - found.holds[tells], SMALLEST)))
-    own = found.lines.covariance
-    doubted = (end_sigma(own, found.lines).max(axis=1) >= OPEN_SIGMA) & (accident > np.log(ACCIDENT))
-    return np.where(doubted[:, None, None], own, found.covariance)
+    doubted = found.lines.are_open & (accident > np.log(ACCIDENT))
+    return np.where(doubted[:, None, None], found.lines.covariance, found.covariance)
 
 
 def estimate(

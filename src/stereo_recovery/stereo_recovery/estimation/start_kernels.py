@@ -210,8 +210,10 @@ def _log_evidence(
 
 
 @njit
-def _likeliest_mode(told: Told, own: FloatArray, covariance: FloatArray, information: FloatArray) -> FloatArray:
-    """(2,) unknowns: of the edge's own lines, alone and with one statement, and of two statements."""
+def _likeliest_mode(
+    told: Told, own: FloatArray, covariance: FloatArray, information: FloatArray
+) -> tuple[FloatArray, float]:
+    """Unknowns (2,), of the edge's own lines, alone and with one statement, or of two; and their evidence."""
     scratch = np.empty(len(told.value)), np.empty(len(told.value))
     best, most = own.copy(), _log_evidence(own, told, own, information, scratch)
     trial, row, value = np.empty(2), told.row, told.value
@@ -234,7 +236,7 @@ def _likeliest_mode(told: Told, own: FloatArray, covariance: FloatArray, informa
             score = _log_evidence(trial, told, own, information, scratch)
             if score > most:
                 best[:], most = trial, score
-    return best
+    return best, most
 
 
 @njit(nogil=True)
@@ -257,9 +259,8 @@ def likeliest(
     for e in edges:
         told = _told(s, e, known, x, covariance)
         gain, missed = np.empty(len(told.value)), np.empty(len(told.value))
-        best = _likeliest_mode(told, own_x[e], own_covariance[e], information[e])
-        here = _log_evidence(x[e], told, own_x[e], information[e], (gain, missed))
-        if _log_evidence(best, told, own_x[e], information[e], (gain, missed)) <= here:
+        best, most = _likeliest_mode(told, own_x[e], own_covariance[e], information[e])
+        if most <= _log_evidence(x[e], told, own_x[e], information[e], (gain, missed)):
             continue
         _fill_gains(best, told, gain)
         for k, holds in zip(told.factor, gain > 0.0):
